@@ -1,0 +1,58 @@
+"""The error tree.
+
+Every message is one line that holds what was found, what was expected, and the way out::
+
+    QuantifyError
+    +-- InputError (ValueError)      what the user gave cannot be used
+    |   +-- CloudError               a point cloud or the archive around it
+    |   +-- AreaError                a polygon or the file around it
+    |   +-- CrsError                 a coordinate reference system or a unit
+    |   +-- SupportError             too few points under an area
+    +-- OutputError (OSError)        what we were to write cannot be written
+    +-- MissingExtraError (ImportError)   an optional package is needed
+"""
+
+from __future__ import annotations
+
+__all__ = [
+    "AreaError",
+    "CloudError",
+    "CrsError",
+    "InputError",
+    "MissingExtraError",
+    "OutputError",
+    "QuantifyError",
+    "SupportError",
+]
+
+
+class QuantifyError(Exception):
+    """Root of everything this package raises on purpose."""
+
+
+class InputError(QuantifyError, ValueError):
+    """What the user gave cannot be used."""
+
+
+class CloudError(InputError):
+    """A point cloud, or the folder or archive that should hold one, cannot be read."""
+
+
+class AreaError(InputError):
+    """A polygon, or the file that should hold it, cannot be used."""
+
+
+class CrsError(InputError):
+    """A coordinate reference system or a unit is missing, unknown or does not fit."""
+
+
+class SupportError(InputError):
+    """Too few points lie under an area to measure it."""
+
+
+class OutputError(QuantifyError, OSError):
+    """A result cannot be written where it should go."""
+
+
+class MissingExtraError(QuantifyError, ImportError):
+    """An optional package is needed for this input."""

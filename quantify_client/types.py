@@ -1,0 +1,258 @@
+"""The nouns that travel between rooms, and into JSON.
+
+Frozen dataclasses only. Lengths, areas and volumes are in metres unless a name says otherwise
+(a cloud whose unit is unknown keeps its own; :attr:`Measurement.length_unit` then says so).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Mapping, Optional, Sequence, Union
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = [
+    "AreaFailure",
+    "AreaResult",
+    "Bounds",
+    "BudgetItem",
+    "Check",
+    "Chunk",
+    "CloudInfo",
+    "FloatArray",
+    "IntArray",
+    "Measurement",
+    "Options",
+    "Relief",
+    "Slice",
+    "Window",
+]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """An axis-aligned box, in the units of whatever it bounds."""
+
+    min_x: float
+    min_y: float
+    min_z: float
+    max_x: float
+    max_y: float
+    max_z: float
+
+
+@dataclass(frozen=True)
+class Window:
+    """A rectangle on the ground: what a reader with an index needs to deliver at least."""
+
+    min_x: float
+    min_y: float
+    max_x: float
+    max_y: float
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Some points of a cloud, in the cloud's own coordinates.
+
+    Attributes
+    ----------
+    x, y, z : (N,) float64
+        Finite coordinates.
+    left_out : mapping of reason to count
+        Points that were read together with these but are not among them
+        (``"noise class"``, ``"withheld"``, ...).
+    """
+
+    x: FloatArray
+    y: FloatArray
+    z: FloatArray
+    left_out: Mapping[str, int] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+
+@dataclass(frozen=True)
+class CloudInfo:
+    """What is known of a cloud before its points are read.
+
+    Attributes
+    ----------
+    sources : the files, in the order in which they are read.
+    format : ``"las"``, ``"laz"``, ``"copc"``, ``"ply"``, ``"text"``, ``"ept"``.
+    point_count : number of points the headers promise, or None where only reading tells (text).
+    bounds : from the headers, in the cloud's own units, or None where only reading tells.
+    crs : WKT, PROJ string or ``EPSG:n``; None when the cloud does not say.
+    crs_origin : where the CRS was found (``"LAS WKT record"``, ``"coords.txt"``, ...), or None.
+    """
+
+    sources: Sequence[str]
+    format: str
+    point_count: Optional[int]
+    bounds: Optional[Bounds]
+    crs: Optional[str]
+    crs_origin: Optional[str] = None
+    warnings: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
+class Options:
+    """Everything that decides a measurement; each field is a command-line option of the same name.
+
+    ``slices`` is ``"auto"`` or a positive number; ``base`` one of the names in
+    :mod:`quantify_client.volcalc.base`, ``"compare"`` or an elevation in metres; ``density`` is
+    in t/m3.
+    """
+
+    area: Optional[Any] = None
+    shape: str = "auto"
+    method: Optional[str] = None
+    slices: Union[str, int] = "auto"
+    slice_height: Optional[float] = None
+    base: Optional[Union[str, float]] = None
+    center_caps: bool = False
+    grid: bool = False
+    source_unit: Optional[str] = None
+    density: Optional[float] = None
+    density_sigma: float = 0.0
+    threads: int = 0
+
+
+@dataclass(frozen=True)
+class Slice:
+    """One horizontal slab.
+
+    Terrain: ``z_m`` (its middle) counts from the base, negative below it, and ``volume_m3`` is
+    negative there. Objects: ``z_m`` is an elevation. ``area_m2`` is the mean cross-section.
+    """
+
+    z_m: float
+    height_m: float
+    area_m2: float
+    volume_m3: float
+    points: int
+
+
+@dataclass(frozen=True)
+class BudgetItem:
+    """One source of error: its share in the standard deviations of net, cut and fill.
+
+    Its ``source`` is survey, base, scale, coverage, slicing, outline or sampling. Only ``source``
+    and ``std_m3`` (of ``volume_m3``) go into JSON's ``budget``.
+    """
+
+    source: str
+    std_m3: float
+    cut_std_m3: float = 0.0
+    fill_std_m3: float = 0.0
+
+
+@dataclass(frozen=True)
+class Check:
+    """The same volume by an independent route."""
+
+    method: str
+    volume_m3: float
+
+
+@dataclass(frozen=True)
+class Relief:
+    """What the pictures are drawn from: a regular grid of cells over one area.
+
+    Attributes
+    ----------
+    min_x, min_y : south-west corner of the cell [0, 0], in the measuring frame.
+    cell_m : edge of a cell.
+    elevation_m : (ny, nx) float64, NaN where nothing is known; row 0 is the southernmost.
+    above_base_m : (ny, nx) float64, NaN outside the area.
+    fraction : (ny, nx) float64 in 0..1, the share of each cell inside the area.
+    measured : (ny, nx) bool, True where points support the cell, False where it was interpolated.
+    polygon_wkb : the area in the measuring frame, as WKB.
+    """
+
+    min_x: float
+    min_y: float
+    cell_m: float
+    elevation_m: FloatArray
+    above_base_m: FloatArray
+    fraction: FloatArray
+    measured: npt.NDArray[np.bool_]
+    polygon_wkb: bytes
+
+
+@dataclass(frozen=True)
+class AreaResult:
+    """The measurement of one area (terrain) or of one body (object).
+
+    Terrain: ``volume_m3`` is net = cut - fill; ``cut_m3`` lies above the base, ``fill_m3`` below
+    it, both positive. Objects: ``volume_m3`` is the enclosed volume, cut and fill are None.
+    ``budget`` is itemised; every standard deviation is the root sum of squares of its column.
+    ``bases`` holds the comparison of base surfaces (``--base compare``), each row a complete
+    result of its own. ``relief`` and ``bases`` do not travel into JSON as they are.
+    """
+
+    name: str
+    volume_m3: float
+    cut_m3: Optional[float]
+    fill_m3: Optional[float]
+    std_m3: Optional[float]
+    cut_std_m3: Optional[float]
+    fill_std_m3: Optional[float]
+    budget: Sequence[BudgetItem]
+    area_m2: Optional[float]
+    surface_area_m2: Optional[float]
+    perimeter_m: Optional[float]
+    min_z_m: float
+    max_z_m: float
+    max_height_m: float
+    coverage: Optional[float]
+    points_used: int
+    points_left_out: Mapping[str, int]
+    slice_height_m: Optional[float]
+    slices: Sequence[Slice]
+    mass_t: Optional[float] = None
+    mass_std_t: Optional[float] = None
+    base: Optional[Union[str, float]] = None
+    cell_m: Optional[float] = None
+    checks: Sequence[Check] = ()
+    warnings: Sequence[str] = ()
+    bases: Sequence["AreaResult"] = ()
+    relief: Optional[Relief] = None
+
+
+@dataclass(frozen=True)
+class AreaFailure:
+    """An area that could not be measured, and the one line that says why."""
+
+    name: str
+    error: str
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """All results of one call of :func:`quantify_client.measure`.
+
+    ``crs`` is ``EPSG:n``, WKT or None. ``provenance`` has version, options, input, started and
+    seconds. ``warnings`` concern the whole cloud; each result has its own besides.
+    """
+
+    source: str
+    crs: Optional[str]
+    length_unit: str
+    shape: str
+    method: str
+    grid_scale_factor: Optional[float]
+    results: Sequence[Union[AreaResult, AreaFailure]]
+    warnings: Sequence[str]
+    provenance: Mapping[str, Any]
+    scale: Optional[Mapping[str, Any]] = None
+
+    @property
+    def complete(self) -> bool:
+        """True when every area was measured."""
+        return not any(isinstance(result, AreaFailure) for result in self.results)

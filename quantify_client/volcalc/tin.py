@@ -1,0 +1,172 @@
+"""The same volume by another road: prisms over a triangulation of real points."""
+
+from __future__ import annotations
+
+import math
+from typing import Sequence
+
+import numpy as np
+import shapely
+import shapely.affinity
+from scipy.spatial import Delaunay
+from shapely.geometry import MultiPolygon, Polygon
+
+from ..types import FloatArray, IntArray
+from .grid import CellWindow, Grid
+from .heights import CellHeights
+from .rim import Rim
+
+__all__ = ["PointSample", "tin_integral"]
+
+#: Real points kept over all areas together; an area never has more.
+MAX_POINTS = 120_000
+
+#: Points looked at per kept one; more would only cost time.
+_CANDIDATES = 4.0
+
+#: The kept point is the nearest to a spot near the cell's middle that no regular grid hits twice.
+_SPOT = (0.5137, 0.4929)
+
+
+class PointSample:
+    """One real point per check cell, mergeable in any order: the one nearest to the cell's spot.
+
+    Of dense clouds only points near the spots are looked at.
+    """
+
+    def __init__(self, grid: Grid, windows: Sequence[CellWindow], point_count: int | None) -> None:
+        self.grid = grid
+        cells = sum(w.nx * w.ny for w in windows)
+        self.size = grid.cell * max(1, math.ceil(math.sqrt(cells / MAX_POINTS)))
+        ground = sum(w.nx * w.ny for w in windows) * (grid.cell / self.size) ** 2
+        share = 1.0 if not point_count else min(1.0, _CANDIDATES * ground / point_count)
+        self._half = 0.5 * math.sqrt(share)
+        self._kept: list[FloatArray] = [np.empty((0, 6))]
+        self._waiting = 0
+
+    def reduce(self, x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
+        """Return the best candidates of some points as rows of row, column, distance, x, y, z."""
+        u, v = x / self.size, y / self.size
+        column, row = np.floor(u), np.floor(v)
+        u -= column + _SPOT[0]
+        v -= row + _SPOT[1]
+        if self._half < 0.5:
+            near = (np.abs(u) < self._half) & (np.abs(v) < self._half)
+            u, v, column, row = u[near], v[near], column[near], row[near]
+            x, y, z = x[near], y[near], z[near]
+        return _best(np.column_stack([row, column, u * u + v * v, x, y, z]))
+
+    def absorb(self, rows: FloatArray) -> None:
+        """Add what ``reduce`` returned."""
+        self._kept.append(rows)
+        self._waiting += len(rows)
+        if self._waiting > 4 * MAX_POINTS:
+            self.points()
+
+    def points(self) -> FloatArray:
+        """Return the kept points, (K, 3) float64, ordered by cell."""
+        kept = _best(np.concatenate(self._kept))
+        self._kept, self._waiting = [kept], 0
+        return np.asarray(kept[:, 3:])
+
+
+def _best(rows: FloatArray) -> FloatArray:
+    """Return the nearest row of each cell; the coordinates break ties, so order never does."""
+    order = np.lexsort((rows[:, 5], rows[:, 4], rows[:, 3], rows[:, 2], rows[:, 1], rows[:, 0]))
+    rows = rows[order]
+    first = np.ones(len(rows), dtype=bool)
+    first[1:] = np.any(rows[1:, :2] != rows[:-1, :2], axis=1)
+    return np.asarray(rows[first])
+
+
+def tin_integral(
+    points: FloatArray,
+    geometry: Polygon | MultiPolygon,
+    rim: Rim,
+    heights: CellHeights,
+) -> float | None:
+    """Return the integral of a TIN's height over the area, in m3 above height 0.
+
+    The nodes are real points (one per check cell and no more than one per cell of the surface,
+    strays left out) and the rim, whose segments are edges of the triangulation. Triangles across
+    a hole are cut at it.
+
+    Parameters
+    ----------
+    points : (K, 3) float64, from `PointSample`.
+    geometry : the area.
+    rim : of its outer rings.
+    heights : the surface; it tells which points are strays.
+    """
+    nodes = _nodes(points, geometry, heights)
+    if len(nodes) < 3:
+        return None
+    parts = geometry.geoms if isinstance(geometry, MultiPolygon) else [geometry]
+    total = 0.0
+    for number, part in enumerate(parts):
+        ring = rim.part == number
+        inside = shapely.contains_xy(part, nodes[:, 0], nodes[:, 1])
+        total += _integrate(part, nodes[inside], np.column_stack([rim.x, rim.y, rim.z])[ring])
+    return total
+
+
+def _nodes(
+    points: FloatArray, geometry: Polygon | MultiPolygon, heights: CellHeights
+) -> FloatArray:
+    """Return the points of the area that are on the surface, one per cell."""
+    window = heights.window
+    left, bottom, right, top = geometry.bounds
+    near = (points[:, 0] >= left) & (points[:, 0] <= right)
+    near &= (points[:, 1] >= bottom) & (points[:, 1] <= top)
+    points = points[near]
+    column = np.floor((points[:, 0] - window.min_x) / window.cell).astype(np.int64)
+    row = np.floor((points[:, 1] - window.min_y) / window.cell).astype(np.int64)
+    inside = (column >= 0) & (column < window.nx) & (row >= 0) & (row < window.ny)
+    points, row, column = points[inside], row[inside], column[inside]
+    # The limits are middles of bins of half a cell.
+    slack = 0.3 * window.cell
+    good = points[:, 2] >= heights.low[row, column] - slack
+    good &= points[:, 2] <= heights.high[row, column] + slack
+    points, flat = points[good], (row * window.nx + column)[good]
+    shapely.prepare(geometry)
+    first: IntArray = np.unique(flat, return_index=True)[1]
+    return np.asarray(points[np.sort(first)])
+
+
+def _integrate(part: Polygon, nodes: FloatArray, rim: FloatArray) -> float:
+    """Return the TIN's integral over one polygon with holes."""
+    xyz = np.concatenate([rim, nodes])
+    origin = np.array([part.bounds[0], part.bounds[1], float(rim[:, 2].mean())])
+    xyz = xyz - origin
+    corner = xyz[Delaunay(xyz[:, :2]).simplices]
+    middle = corner.mean(axis=1)
+    outer = shapely.affinity.translate(Polygon(part.exterior), -origin[0], -origin[1])
+    shapely.prepare(outer)
+    kept = shapely.contains_xy(outer, middle[:, 0], middle[:, 1])
+    corner, middle = corner[kept], middle[kept]
+    side_a, side_b = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
+    area = 0.5 * np.abs(side_a[:, 0] * side_b[:, 1] - side_a[:, 1] * side_b[:, 0])
+    volume = float((area * middle[:, 2]).sum())
+    for hole in part.interiors:
+        volume -= _over_hole(shapely.affinity.translate(Polygon(hole), *-origin[:2]), corner)
+    return volume + origin[2] * part.area
+
+
+def _over_hole(hole: Polygon, corner: FloatArray) -> float:
+    """Return the integral of the triangles' planes over the hole."""
+    triangles = shapely.polygons(corner[:, :, :2])
+    touching = shapely.intersects(hole, triangles)
+    corner = corner[touching]
+    pieces = shapely.intersection(triangles[touching], hole)
+    area = shapely.area(pieces)
+    solid = area > 0
+    corner, area = corner[solid], area[solid]
+    centre = shapely.get_coordinates(shapely.centroid(pieces[solid]))
+    a, b = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
+    p = centre - corner[:, 0, :2]
+    cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    s = (p[:, 0] * b[:, 1] - p[:, 1] * b[:, 0]) / cross
+    t = (a[:, 0] * p[:, 1] - a[:, 1] * p[:, 0]) / cross
+    return float((area * (corner[:, 0, 2] + s * a[:, 2] + t * b[:, 2])).sum())
+
+

@@ -1,0 +1,191 @@
+"""The itemised error budget of a terrain volume.
+
+A volume is linear in the cell heights: sum(w * z), with w the cell's area less what the cell
+contributes to the base through the rim. The survey's noise is propagated through exactly these
+weights; what the base adds to the surface's own share is the item "base".
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from ..types import BudgetItem, FloatArray, IntArray
+from .base import Base
+from .noise import Noise, functional_std
+from .rim import Rim
+
+__all__ = ["Surface", "error_budget", "rim_relief"]
+
+#: Share of the rim's own relief, times the area, that a base between rim points is off by.
+_BASE_MISFIT = 0.15
+
+#: Relief below this many times the rim's noise is noise.
+_CLEAR_RELIEF = 2.0
+
+_BOOLS = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Surface:
+    """An area's cells, as the budget needs them.
+
+    Attributes
+    ----------
+    r : (ny, nx) height above the base, metres; NaN where nothing is measured.
+    a : (ny, nx) area inside the polygon, m2 on the ground.
+    count : (ny, nx) points.
+    z : (ny, nx) heights of measured cells, NaN elsewhere.
+    filled : (ny, nx) the same with gaps closed.
+    cell : edge, metres on the ground.
+    above : (ny, nx) bool, cells that count as cut.
+    """
+
+    r: FloatArray
+    a: FloatArray
+    count: IntArray
+    z: FloatArray
+    filled: FloatArray
+    cell: float
+    above: _BOOLS
+
+
+def error_budget(surface: Surface, base: Base, rim: Rim | None, noise: Noise) -> list[BudgetItem]:
+    """Return the items survey, base, coverage and slicing, each for net, cut and fill."""
+    known = np.isfinite(surface.r)
+    sides = [known, known & surface.above, known & ~surface.above]
+    survey, from_base = zip(*(_noise_items(surface, base, rim, noise, side) for side in sides))
+    level = _flat_ground(surface, noise)
+    misfit = _base_misfit(surface, base, rim, noise)
+    missing = [_coverage(surface, noise, side) for side in sides]
+    unmeasured = _unmeasured(surface)
+    rim_cells = [_slicing(surface, side) for side in sides]
+    return [
+        BudgetItem("survey", survey[0], np.hypot(survey[1], level), np.hypot(survey[2], level)),
+        BudgetItem("base", *(float(np.hypot(s, m)) for s, m in zip(from_base, misfit))),
+        BudgetItem("coverage", *(float(np.hypot(m, unmeasured)) for m in missing)),
+        BudgetItem("slicing", *rim_cells),
+    ]
+
+
+def _noise_items(
+    surface: Surface, base: Base, rim: Rim | None, noise: Noise, side: _BOOLS
+) -> tuple[float, float]:
+    """Return the survey's and the base's standard deviations for the cells of one side."""
+    weights = np.where(side, surface.a, 0.0)
+    direct = _onto_measured(weights, np.isfinite(surface.z))
+    survey = functional_std(direct, surface.count, noise)
+    if rim is None:
+        return survey, 0.0
+    through_rim = rim.weights.T @ base.influence(weights)
+    total = functional_std(direct - through_rim.reshape(direct.shape), surface.count, noise)
+    # Errors that the surface and its base share cancel: the total may be below the survey's.
+    if total <= survey:
+        return total, 0.0
+    return survey, float(np.sqrt(total**2 - survey**2))
+
+
+def _onto_measured(weights: FloatArray, measured: _BOOLS) -> FloatArray:
+    """Give the weights of interpolated cells to the nearest measured ones."""
+    lost = (weights != 0) & ~measured
+    if not lost.any() or not measured.any():
+        return weights
+    nearest = ndimage.distance_transform_edt(~measured, return_distances=False, return_indices=True)
+    moved = np.where(lost, 0.0, weights)
+    np.add.at(moved, tuple(nearest[:, lost]), weights[lost])
+    return moved
+
+
+def _flat_ground(surface: Surface, noise: Noise) -> float:
+    """Return what correlated noise about the base adds to both cut and fill: 0.4 sigma A."""
+    near = np.isfinite(surface.r) & (np.abs(np.nan_to_num(surface.r)) < 2 * noise.correlated)
+    return 0.4 * noise.correlated * float(surface.a[near].sum())
+
+
+def rim_relief(rim: Rim, noise: Noise, count: IntArray) -> float:
+    """Return the RMS by which the rim departs from a plane, beyond its noise; 0 when unclear."""
+    centre_x, centre_y = rim.x.mean(), rim.y.mean()
+    design = np.column_stack([np.ones(len(rim.x)), rim.x - centre_x, rim.y - centre_y])
+    root = np.sqrt(rim.length)[:, None]
+    level = rim.z - rim.z.mean()
+    plane = np.linalg.lstsq(design * root, level * root[:, 0], rcond=None)[0]
+    square = float(np.average((level - design @ plane) ** 2, weights=rim.length))
+    sigma = noise.cell_sigma(count).ravel() ** 2
+    own = float(np.mean(rim.weights.multiply(rim.weights) @ sigma)) + noise.correlated**2
+    return float(np.sqrt(square - own)) if square > _CLEAR_RELIEF**2 * own else 0.0
+
+
+def _base_misfit(
+    surface: Surface, base: Base, rim: Rim | None, noise: Noise
+) -> tuple[float, float, float]:
+    """Return what the ground under the area may depart from a base drawn through its rim."""
+    if rim is None or base.name not in ("triangulate", "plane"):
+        return 0.0, 0.0, 0.0
+    off = _BASE_MISFIT * rim_relief(rim, noise, surface.count)
+    known = np.isfinite(surface.r)
+    above = float(surface.a[known & surface.above].sum())
+    below = float(surface.a[known & ~surface.above].sum())
+    return off * (above + below), off * above, off * below
+
+
+def _coverage(surface: Surface, noise: Noise, side: _BOOLS) -> float:
+    """Return the error of heights interpolated over gaps.
+
+    How far a cell is off the mean of its four neighbours, beyond noise, tells the ground's
+    roughness; a gap's error grows with the power 1.5 of its depth in cells, is one error over the
+    whole gap, and is independent of other gaps'.
+    """
+    gap = side & ~np.isfinite(surface.z)
+    if not gap.any():
+        return 0.0
+    roughness = _roughness(surface, noise)
+    depth = ndimage.distance_transform_edt(~np.isfinite(surface.z))
+    label, number = ndimage.label(gap)
+    index = np.arange(1, number + 1)
+    area = ndimage.sum_labels(np.where(gap, surface.a, 0.0), label, index)
+    deepest = ndimage.maximum(depth, label, index)
+    return float(np.sqrt(((area * roughness * np.asarray(deepest) ** 1.5) ** 2).sum()))
+
+
+def _roughness(surface: Surface, noise: Noise) -> float:
+    z = surface.z
+    middle = z[1:-1, 1:-1]
+    around = (z[:-2, 1:-1] + z[2:, 1:-1] + z[1:-1, :-2] + z[1:-1, 2:]) / 4
+    off = (middle - around)[np.isfinite(middle - around)]
+    if not len(off):
+        # Not one cell with four neighbours: the noise of a cell is the least that can be said.
+        return noise.independent
+    square = float(np.mean(np.clip(off, *np.quantile(off, [0.005, 0.995])) ** 2))
+    # The interpolated height carries a quarter of a cell's noise, whatever the ground.
+    return float(np.sqrt(max(square - 1.25 * noise.independent**2, 0.0) + noise.independent**2 / 4))
+
+
+def _unmeasured(surface: Surface) -> float:
+    """Return the error of taking ground out of reach of any point to lie on the base."""
+    missing = float(surface.a[~np.isfinite(surface.r)].sum())
+    if missing <= 0:
+        return 0.0
+    known = np.isfinite(surface.r) & (surface.a > 0)
+    typical = float(np.sqrt(np.average(surface.r[known] ** 2, weights=surface.a[known])))
+    return 0.5 * missing * typical
+
+
+def _slicing(surface: Surface, side: _BOOLS) -> float:
+    """Return the error of giving a rim cell's part the height of the whole cell.
+
+    The part's middle is up to half of the missing width from the cell's. Along a rim in the slope
+    these errors have one sign, so they add up, signed by whether the ground rises inwards.
+    """
+    full = surface.cell**2
+    share = np.clip(surface.a / full, 0.0, 1.0)
+    rim = side & (share > 0) & (share < 1)
+    if not rim.any():
+        return 0.0
+    rise_v, rise_u = np.gradient(surface.filled)
+    in_v, in_u = np.gradient(share)
+    norm = np.hypot(in_u, in_v)
+    inward = np.divide(rise_u * in_u + rise_v * in_v, norm, out=np.zeros_like(norm), where=norm > 0)
+    return abs(float(np.nansum((surface.a * inward * (1 - share) / 2)[rim])))
