@@ -32,6 +32,7 @@ def bounding_midpoints(
     slab : (N,) int64
         In 0 .. ``slabs`` - 1, in any order.
     slabs : int
+        Their number.
 
     Returns
     -------

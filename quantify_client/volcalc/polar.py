@@ -3,7 +3,7 @@
 Source: "3D-Quantify" (Earlham College), the VolCalc module. It holds all the points that it sorts,
 and it is right only for bodies whose horizontal sections are single outlines that every ray from
 the middle of their bounding box meets once, sampled on their surface and cut so that no slab holds
-a floor or a roof. :mod:`.section` is for the others.
+a floor or a roof.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def polar_volume(
     --------
     The eight corners of a box with sides 2, 3 and 4, in two slabs:
 
-    >>> x, y, z = np.array([(i, j, k) for i in (0.0, 2.0) for j in (0.0, 3.0) for k in (0.0, 4.0)]).T
+    >>> x, y, z = (side.ravel() for side in np.meshgrid([0.0, 2.0], [0.0, 3.0], [0.0, 4.0]))
     >>> polar_volume(x, y, z, 2).volume
     24.0
     """

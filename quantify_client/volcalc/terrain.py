@@ -125,15 +125,16 @@ def _survey(
     size = np.sqrt(fraction.sum())
     reach = max(_LEAST_REACH_CELLS, round(float(_REACH * size)))
     parts = polygons_of(polygon)
+    filled = fill_gaps(heights.z, reach)
     return _Ground(
         name,
         polygon,
         parts,
         heights,
-        fill_gaps(heights.z, reach),
+        filled,
         fraction,
         sample_rim(parts, heights, fraction),
-        measure_noise(heights.z, heights.count),
+        measure_noise(heights.z, heights.count, filled),
         coverage,
         points,
     )
@@ -156,9 +157,9 @@ def _measure(ground: _Ground, base_name: Union[str, float], recipe: Recipe) -> A
     r = np.where(inside, ground.filled - base.z, np.nan)
     a = ground.fraction * (window.cell / recipe.ground_factor) ** 2
     known = inside & np.isfinite(r)
-    above = above_mask(r, a, ground.noise.cell_sigma(ground.heights.count))
+    above = above_mask(r, a, ground.noise.cell)
     surface = Surface(
-        r, a, ground.heights.count, ground.heights.z, ground.filled,
+        r, a, ground.heights.z, ground.filled,
         window.cell / recipe.ground_factor, above,
     )
     budget = error_budget(surface, base, rim, ground.noise)
@@ -307,7 +308,7 @@ def _relief_warning(
 ) -> list[str]:
     if rim is None or base.name not in ("triangulate", "plane"):
         return []
-    relief = rim_relief(rim, ground.noise, ground.heights.count)
+    relief = rim_relief(rim, ground.noise)
     total = (result.cut_m3 or 0.0) + (result.fill_m3 or 0.0)
     if 0.15 * relief * (result.area_m2 or 0.0) < _RELIEF_SHARE * total or relief == 0:
         return []

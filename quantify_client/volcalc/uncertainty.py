@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from ..types import BudgetItem, FloatArray, IntArray
+from ..types import BudgetItem, FloatArray
 from .base import Base
 from .noise import Noise, functional_std
 from .rim import Rim
@@ -37,7 +37,6 @@ class Surface:
     ----------
     r : (ny, nx) height above the base, metres; NaN where nothing is measured.
     a : (ny, nx) area inside the polygon, m2 on the ground.
-    count : (ny, nx) points.
     z : (ny, nx) heights of measured cells, NaN elsewhere.
     filled : (ny, nx) the same with gaps closed.
     cell : edge, metres on the ground.
@@ -46,7 +45,6 @@ class Surface:
 
     r: FloatArray
     a: FloatArray
-    count: IntArray
     z: FloatArray
     filled: FloatArray
     cell: float
@@ -77,11 +75,11 @@ def _noise_items(
     """Return the survey's and the base's standard deviations for the cells of one side."""
     weights = np.where(side, surface.a, 0.0)
     direct = _onto_measured(weights, np.isfinite(surface.z))
-    survey = functional_std(direct, surface.count, noise)
+    survey = functional_std(direct, noise)
     if rim is None:
         return survey, 0.0
     through_rim = rim.weights.T @ base.influence(weights)
-    total = functional_std(direct - through_rim.reshape(direct.shape), surface.count, noise)
+    total = functional_std(direct - through_rim.reshape(direct.shape), noise)
     # Errors that the surface and its base share cancel: the total may be below the survey's.
     if total <= survey:
         return total, 0.0
@@ -105,7 +103,7 @@ def _flat_ground(surface: Surface, noise: Noise) -> float:
     return 0.4 * noise.correlated * float(surface.a[near].sum())
 
 
-def rim_relief(rim: Rim, noise: Noise, count: IntArray) -> float:
+def rim_relief(rim: Rim, noise: Noise) -> float:
     """Return the RMS by which the rim departs from a plane, beyond its noise; 0 when unclear."""
     centre_x, centre_y = rim.x.mean(), rim.y.mean()
     design = np.column_stack([np.ones(len(rim.x)), rim.x - centre_x, rim.y - centre_y])
@@ -113,7 +111,7 @@ def rim_relief(rim: Rim, noise: Noise, count: IntArray) -> float:
     level = rim.z - rim.z.mean()
     plane = np.linalg.lstsq(design * root, level * root[:, 0], rcond=None)[0]
     square = float(np.average((level - design @ plane) ** 2, weights=rim.length))
-    sigma = noise.cell_sigma(count).ravel() ** 2
+    sigma = noise.cell.ravel() ** 2
     own = float(np.mean(rim.weights.multiply(rim.weights) @ sigma)) + noise.correlated**2
     return float(np.sqrt(square - own)) if square > _CLEAR_RELIEF**2 * own else 0.0
 
@@ -124,7 +122,7 @@ def _base_misfit(
     """Return what the ground under the area may depart from a base drawn through its rim."""
     if rim is None or base.name not in ("triangulate", "plane"):
         return 0.0, 0.0, 0.0
-    off = _BASE_MISFIT * rim_relief(rim, noise, surface.count)
+    off = _BASE_MISFIT * rim_relief(rim, noise)
     known = np.isfinite(surface.r)
     above = float(surface.a[known & surface.above].sum())
     below = float(surface.a[known & ~surface.above].sum())

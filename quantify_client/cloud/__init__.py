@@ -1,0 +1,96 @@
+"""Files -> chunks of points.
+
+:func:`open_cloud` is the front door; each format has a reader of its own behind it.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Callable, Dict, Sequence
+
+from ..errors import CloudError
+from .base import DEFAULT_CHUNK, Cloud, naming
+from .copc import open_las
+from .ept import EptCloud
+from .ply import PlyCloud
+from .text import TextCloud
+from .tiles import TiledCloud, require_distinct
+
+__all__ = ["DEFAULT_CHUNK", "SUFFIXES", "Cloud", "open_cloud", "refuse_impostor"]
+
+_READERS: Dict[str, Callable[[Path], Cloud]] = {
+    ".las": open_las,
+    ".laz": open_las,
+    ".ply": PlyCloud,
+    ".csv": TextCloud,
+    ".xyz": TextCloud,
+    ".txt": TextCloud,
+}
+SUFFIXES = tuple(_READERS)
+"""The endings of the files that can be read (an EPT set is given by its ept.json)."""
+
+_FEWEST = 4  # three points span a plane but no volume
+
+
+def open_cloud(paths: Sequence[Path]) -> Cloud:
+    """Open a point cloud: one file, or several tiles of one survey in any mix of formats.
+
+    LAS, LAZ, COPC and EPT are opened by their headers; PLY and text have no bounds in theirs and
+    are read once here.
+
+    Raises
+    ------
+    CloudError
+        A file that is missing, unreadable, damaged, of an unknown kind, given twice, in another
+        CRS than the others; or fewer than 4 points in all.
+    """
+    files = [Path(path) for path in paths]
+    if not files:
+        raise CloudError("no point cloud is given; expected at least one file")
+    require_distinct(files)
+    clouds = [_open_one(path) for path in files]
+    cloud = clouds[0] if len(clouds) == 1 else TiledCloud(clouds)
+    count = cloud.info.point_count
+    if count is not None and count < _FEWEST:
+        held = "no points" if not count else f"only {count} point{'s' if count > 1 else ''}"
+        raise CloudError(f"{files[0]}: holds {held}; expected at least {_FEWEST}")
+    return cloud
+
+
+def _open_one(path: Path) -> Cloud:
+    with naming(path, "check the path"):
+        if not path.exists():
+            raise CloudError(f"{path}: does not exist; check the path")
+        if not path.is_file():
+            raise CloudError(f"{path}: is not a file; expected a point cloud")
+    if path.name.lower() == "ept.json":
+        refuse_impostor(path)
+        return EptCloud(path)
+    reader = _READERS.get(path.suffix.lower())
+    if reader is None:
+        kinds = ", ".join(SUFFIXES)
+        raise CloudError(
+            f"{path}: has an unknown ending; expected {kinds}, an ept.json, an ODM project "
+            "folder or an all.zip"
+        )
+    refuse_impostor(path)
+    return reader(path)
+
+
+def refuse_impostor(path: Path) -> None:
+    """Raise CloudError for an empty file, a Git LFS pointer or a web page under another name."""
+    with naming(path, "expected a file that can be read"), path.open("rb") as stream:
+        head = stream.read(512)
+    if not head:
+        raise CloudError(f"{path}: is empty; copy, download or export it again")
+    if head.startswith(b"version https://git-lfs"):
+        raise CloudError(
+            f"{path}: is a Git LFS pointer, not the file itself; run 'git lfs pull' where it "
+            "comes from, or download the file itself"
+        )
+    start = head.lstrip(b"\xef\xbb\xbf \t\r\n").lower()
+    if start.startswith((b"<!doctype", b"<html")):
+        raise CloudError(
+            f"{path}: is a web page (HTML), not a point cloud; log in where it comes from and "
+            "download the file itself"
+        )

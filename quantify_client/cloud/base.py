@@ -1,0 +1,199 @@
+"""What every reader shares: the interface, the sorting out of points, and naming what is wrong.
+
+A reader opens nothing until it is asked for points, knows what its header says, and delivers
+chunks. Nothing here knows a file format.
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Dict, Iterable, Iterator, Optional, Protocol, Tuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import CloudError
+from ..types import Bounds, Chunk, CloudInfo, FloatArray, Window
+
+DEFAULT_CHUNK = 1_000_000
+"""Points in a chunk: enough to hide the cost of Python, few enough to stay far below 100 MB."""
+
+NOISE = "noise class"
+WITHHELD = "withheld"
+_NOISE_CLASSES = (7, 18)  # ASPRS: low point (noise) and high noise
+
+
+class Cloud(Protocol):
+    """A point cloud that can be read as often as needed."""
+
+    @property
+    def info(self) -> CloudInfo:
+        """What is known before the points are read."""
+        ...
+
+    def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
+        """Deliver the points, at most `size` at a time.
+
+        `window` (the cloud's own coordinates) is a hint: what does not touch it may be skipped,
+        points outside may still come. Raises :class:`CloudError` when fewer points can be read
+        than the header promises, or when a coordinate is not finite.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class Remarks:
+    """What a header says beside points: a CRS, where it was found, and what to warn of."""
+
+    crs: Optional[str] = None
+    origin: Optional[str] = None
+    warnings: Tuple[str, ...] = ()
+
+
+def _noise_table() -> npt.NDArray[np.bool_]:
+    table = np.zeros(256, dtype=bool)
+    table[list(_NOISE_CLASSES)] = True
+    return table
+
+
+_IS_NOISE = _noise_table()
+
+
+def sort_out(
+    x: FloatArray,
+    y: FloatArray,
+    z: FloatArray,
+    classes: Optional[npt.NDArray[Any]] = None,
+    withheld: Optional[npt.NDArray[np.bool_]] = None,
+) -> Chunk:
+    """Make a chunk of what is to be measured, and count the rest.
+
+    Parameters
+    ----------
+    x : (N,) float64
+        The cloud's own units, like y and z.
+    y : (N,) float64
+        As x.
+    z : (N,) float64
+        As x.
+    classes : (N,) uint8, optional
+        ASPRS classes; 7 and 18 are left out.
+    withheld : (N,) bool, optional
+        Points that their producer marked as not to be used. A withheld noise point counts as
+        noise.
+    """
+    noise = _IS_NOISE[classes] if classes is not None else None
+    if (noise is None or not noise.any()) and (withheld is None or not withheld.any()):
+        return Chunk(x, y, z)
+    if noise is None:
+        noise = np.zeros(len(x), dtype=bool)
+    held = np.zeros(len(x), dtype=bool) if withheld is None else withheld & ~noise
+    keep = ~(noise | held)
+    counts = {NOISE: int(noise.sum()), WITHHELD: int(held.sum())}
+    left_out = {reason: count for reason, count in counts.items() if count}
+    return Chunk(x[keep], y[keep], z[keep], left_out)
+
+
+def require_finite(path: Path, x: FloatArray, y: FloatArray, z: FloatArray, first: int) -> None:
+    """Raise CloudError when a coordinate is NaN or infinite; `first` is the points before these."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        # A sum is finite only if all its terms are: one fast pass for the usual case.
+        if math.isfinite(float(x.sum() + y.sum() + z.sum())):
+            return
+    bad = ~(np.isfinite(x) & np.isfinite(y) & np.isfinite(z))
+    count = int(bad.sum())
+    if count:
+        where = first + int(np.argmax(bad)) + 1
+        what = "1 point has" if count == 1 else f"{count} points have"
+        raise CloudError(
+            f"{path}: {what} a coordinate that is NaN or infinite (the first is point {where} "
+            "of the file); expected finite numbers: remove such points and write the file again"
+        )
+
+
+def gather(chunks: Iterable[Chunk], size: int) -> Iterator[Chunk]:
+    """Join small chunks until `size` points are together, so that each costs its share only."""
+    waiting: list[Chunk] = []
+    points = 0
+    for chunk in chunks:
+        if waiting and points + len(chunk) > size:
+            yield _join(waiting)
+            waiting, points = [], 0
+        waiting.append(chunk)
+        points += len(chunk)
+    if waiting:
+        yield _join(waiting)
+
+
+def _join(chunks: list[Chunk]) -> Chunk:
+    if len(chunks) == 1:
+        return chunks[0]
+    left_out: Dict[str, int] = {}
+    for chunk in chunks:
+        for reason, count in chunk.left_out.items():
+            left_out[reason] = left_out.get(reason, 0) + count
+    return Chunk(
+        np.concatenate([chunk.x for chunk in chunks]),
+        np.concatenate([chunk.y for chunk in chunks]),
+        np.concatenate([chunk.z for chunk in chunks]),
+        left_out,
+    )
+
+
+def survey(chunks: Iterable[Chunk]) -> Tuple[int, Optional[Bounds]]:
+    """Count the points and find their box by reading them all once.
+
+    Returns
+    -------
+    count : points read, those left out included.
+    bounds : box of the points delivered, or None when there are none.
+    """
+    count = 0
+    low = np.full(3, np.inf)
+    high = np.full(3, -np.inf)
+    for chunk in chunks:
+        count += len(chunk) + sum(chunk.left_out.values())
+        if len(chunk):
+            low = np.minimum(low, [chunk.x.min(), chunk.y.min(), chunk.z.min()])
+            high = np.maximum(high, [chunk.x.max(), chunk.y.max(), chunk.z.max()])
+    if not np.isfinite(low).all():
+        return count, None
+    return count, Bounds(*low.tolist(), *high.tolist())
+
+
+def touches(bounds: Optional[Bounds], window: Optional[Window]) -> bool:
+    """Whether a box has anything in common with a window; True when either is unknown."""
+    if bounds is None or window is None:
+        return True
+    return (
+        bounds.min_x <= window.max_x
+        and bounds.max_x >= window.min_x
+        and bounds.min_y <= window.max_y
+        and bounds.max_y >= window.min_y
+    )
+
+
+@contextmanager
+def naming(path: Path, advice: str) -> Iterator[None]:
+    """Turn whatever a library raises about a file into one line that names the file.
+
+    `advice` completes the sentence: what was expected and what to do.
+    """
+    try:
+        yield
+    except (CloudError, KeyboardInterrupt, SystemExit, GeneratorExit):
+        raise
+    except PermissionError:
+        raise CloudError(
+            f"{path}: no permission to read it; make it readable for the user who runs this"
+        ) from None
+    except BaseException as fault:
+        # A panic of the LAZ library arrives as a BaseException that is not an Exception.
+        if not isinstance(fault, Exception) and type(fault).__name__ != "PanicException":
+            raise
+        lines = str(fault).strip().splitlines() or [type(fault).__name__]
+        reason = f"{type(fault).__name__}: {lines[0].rstrip('.')[:200]}"
+        raise CloudError(f"{path}: cannot be read ({reason}); {advice}") from fault

@@ -1,0 +1,122 @@
+"""COPC: a LAZ file whose points are sorted into an octree, so that a window costs only itself.
+
+Without a window it is read like any other LAZ file.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, BinaryIO, Iterator, List, Optional, Set, Tuple
+
+import lazrs
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import CloudError
+from ..types import Bounds, Chunk, Window
+from .base import DEFAULT_CHUNK, naming, touches
+from .las import SELECTION, LasCloud, decode, read_points
+from .las_header import AGAIN, LasLayout, read_layout
+
+Nodes = npt.NDArray[Any]
+_ENTRY: np.dtype[np.void] = np.dtype(
+    [("key", "<i4", 4), ("offset", "<u8"), ("bytes", "<i4"), ("points", "<i4")]
+)  # one line of the index: level and position of a cube, where its points are, how many
+
+
+class CopcCloud(LasCloud):
+    """One COPC file."""
+
+    def _format(self) -> str:
+        return "copc"
+
+    def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
+        """Deliver at least the points within `window`, by the octree's cubes that touch it."""
+        if window is None:
+            return read_points(self._layout, size)
+        return _read_window(self._layout, window, size)
+
+
+def is_copc(layout: LasLayout) -> bool:
+    """Whether a LAZ file has the octree's description."""
+    return bool(layout.laszip and layout.header.vlrs.get("CopcInfoVlr"))
+
+
+def _read_window(layout: LasLayout, window: Window, size: int) -> Iterator[Chunk]:
+    with naming(layout.path, AGAIN):
+        stream = layout.path.open("rb")
+    with stream:
+        with naming(layout.path, AGAIN):
+            nodes = _index(layout, stream)
+        nodes = nodes[[touches(_box(layout, node["key"]), window) for node in nodes]]
+        nodes = nodes[np.argsort(nodes["offset"])]
+        for batch in _batches(nodes, size):
+            with naming(layout.path, AGAIN):
+                records = _decompress(layout, stream, batch)
+            yield decode(layout, records)
+
+
+def _index(layout: LasLayout, stream: BinaryIO) -> Nodes:
+    """Read all pages of the index and return its cubes that hold points."""
+    info = layout.header.vlrs.get("CopcInfoVlr")[0]
+    file_size = layout.path.stat().st_size
+    waiting: List[Tuple[int, int]] = [(info.hierarchy_root_offset, info.hierarchy_root_size)]
+    seen: Set[int] = set()
+    found = []
+    while waiting:
+        offset, length = waiting.pop()
+        if offset in seen or length < 0 or offset + length > file_size:
+            raise CloudError(f"{layout.path}: its COPC index contradicts itself; {AGAIN}")
+        seen.add(offset)
+        stream.seek(offset)
+        page = np.frombuffer(stream.read(length // _ENTRY.itemsize * _ENTRY.itemsize), _ENTRY)
+        pages = page[page["points"] == -1]
+        waiting += [(int(entry["offset"]), int(entry["bytes"])) for entry in pages]
+        found.append(page[page["points"] > 0])
+    nodes: Nodes = np.concatenate(found)
+    held = int(nodes["points"].sum(dtype=np.int64))
+    ends = nodes["offset"] + np.maximum(nodes["bytes"], 0).astype(np.uint64)
+    if held != layout.count or (nodes["bytes"] <= 0).any() or (ends > file_size).any():
+        raise CloudError(
+            f"{layout.path}: its COPC index holds {held} points, its header promises "
+            f"{layout.count}, or points beyond its end; {AGAIN}"
+        )
+    return nodes
+
+
+def _box(layout: LasLayout, key: npt.NDArray[np.int32]) -> Bounds:
+    info = layout.header.vlrs.get("CopcInfoVlr")[0]
+    edge = 2.0 * info.halfsize / 2.0 ** int(key[0])
+    low = np.asarray(info.center) - info.halfsize + edge * key[1:].astype(np.float64)
+    return Bounds(*low.tolist(), *(low + edge).tolist())
+
+
+def _batches(nodes: Nodes, size: int) -> Iterator[Nodes]:
+    """Cubes that together hold at most `size` points (or one that holds more)."""
+    start, points = 0, 0
+    for index, count in enumerate(nodes["points"].tolist()):
+        if points and points + count > size:
+            yield nodes[start:index]
+            start, points = index, 0
+        points += count
+    if points:
+        yield nodes[start:]
+
+
+def _decompress(layout: LasLayout, stream: BinaryIO, nodes: Nodes) -> npt.NDArray[np.uint8]:
+    parts = []
+    for offset, length in zip(nodes["offset"].tolist(), nodes["bytes"].tolist()):
+        stream.seek(offset)
+        parts.append(stream.read(length))
+    table = list(zip(nodes["points"].tolist(), nodes["bytes"].tolist()))
+    records = np.empty(int(nodes["points"].sum()) * layout.record_length, dtype=np.uint8)
+    lazrs.decompress_points_with_chunk_table(
+        b"".join(parts), layout.laszip, records, table, SELECTION.to_lazrs()
+    )
+    return records
+
+
+def open_las(path: Path) -> LasCloud:
+    """Open a LAS, LAZ or COPC file, by what it is rather than by its name."""
+    layout = read_layout(path)
+    return CopcCloud(path, layout) if is_copc(layout) else LasCloud(path, layout)

@@ -1,0 +1,101 @@
+"""Entwine Point Tiles: a folder of small tiles, of which only those under a window are read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Iterator, Mapping, Optional
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import CloudError
+from ..types import Chunk, CloudInfo, FloatArray, Window
+from .base import DEFAULT_CHUNK, gather, naming, require_finite, sort_out, touches
+from .ept_index import AGAIN, EptIndex, read_index
+from .las import read_points
+from .las_header import read_layout
+
+_KINDS = {"signed": "i", "unsigned": "u", "float": "f"}
+
+
+class EptCloud:
+    """One EPT set, given by its ept.json."""
+
+    def __init__(self, path: Path) -> None:
+        self._index = read_index(path)
+        self.info = CloudInfo(
+            sources=(str(path),),
+            format="ept",
+            point_count=self._index.count,
+            bounds=self._index.conforming,
+            crs=self._index.crs,
+            crs_origin="ept.json" if self._index.crs else None,
+        )
+
+    def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
+        """Deliver the points of all tiles that touch `window`."""
+        return gather(self._tiles(window, size), size)
+
+    def _tiles(self, window: Optional[Window], size: int) -> Iterator[Chunk]:
+        for key, count in self._index.tiles.items():
+            if touches(self._index.box(key), window):
+                yield from _read_tile(self._index, key, count, size)
+
+
+def _read_tile(index: EptIndex, key: str, count: int, size: int) -> Iterator[Chunk]:
+    path = index.tile(key)
+    if not path.is_file():
+        raise CloudError(f"{path}: is missing; the hierarchy says it holds {count} points; {AGAIN}")
+    if index.data_type == "binary":
+        yield from _read_binary(index, path, count, size)
+        return
+    layout = read_layout(path)
+    _require_count(path, count, layout.count)
+    yield from read_points(layout, size)
+
+
+def _require_count(path: Path, promised: int, held: int) -> None:
+    if promised != held:
+        raise CloudError(f"{path}: holds {held} points, the hierarchy promises {promised}; {AGAIN}")
+
+
+def _read_binary(index: EptIndex, path: Path, count: int, size: int) -> Iterator[Chunk]:
+    """Tiles of packed records, laid out by the schema of ept.json."""
+    with naming(path, AGAIN):
+        columns = {str(column["name"]): column for column in index.schema}
+        kinds = [(name, _kind(column)) for name, column in columns.items()]
+        row: np.dtype[np.void] = np.dtype(kinds)
+        rest = path.stat().st_size - count * row.itemsize
+        if rest:
+            raise CloudError(
+                f"{path}: has {path.stat().st_size} bytes, {count} points take "
+                f"{count * row.itemsize}; {AGAIN}"
+            )
+    for start in range(0, count, size):
+        points = min(size, count - start)
+        with naming(path, AGAIN):
+            rows: npt.NDArray[np.void] = np.fromfile(path, row, points, offset=start * row.itemsize)
+            x, y, z = (_scaled(rows[axis], columns[axis]) for axis in ("X", "Y", "Z"))
+        require_finite(path, x, y, z, start)
+        yield sort_out(x, y, z, _classes(rows), _withheld(rows))
+
+
+def _kind(column: Mapping[str, Any]) -> str:
+    return f"<{_KINDS[column['type']]}{int(column['size'])}"
+
+
+def _scaled(values: npt.NDArray[Any], column: Mapping[str, Any]) -> FloatArray:
+    out = values.astype(np.float64)
+    out *= float(column.get("scale", 1.0))
+    out += float(column.get("offset", 0.0))
+    return out
+
+
+def _classes(rows: npt.NDArray[np.void]) -> Optional[npt.NDArray[np.uint8]]:
+    names = rows.dtype.names or ()
+    return rows["Classification"].astype(np.uint8) if "Classification" in names else None
+
+
+def _withheld(rows: npt.NDArray[np.void]) -> Optional[npt.NDArray[np.bool_]]:
+    names = rows.dtype.names or ()
+    return rows["Withheld"].astype(bool) if "Withheld" in names else None

@@ -1,0 +1,174 @@
+"""The index of an Entwine Point Tile set: ept.json and its hierarchy, read with suspicion.
+
+Keys become file names, so they are checked before; files are small, so their size is capped;
+nothing outside the set's folder is opened, not even through a link.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Dict, List, Mapping, Optional, Tuple
+
+from ..errors import CloudError
+from ..types import Bounds
+from .base import naming
+
+AGAIN = "expected a complete EPT set: copy or export the folder again"
+_MAX_JSON = 64 << 20  # bytes
+_MAX_LEVEL = 60
+_KEY = re.compile(r"(\d{1,2})-(\d{1,18})-(\d{1,18})-(\d{1,18})", re.ASCII)
+_SUFFIX = {"laszip": ".laz", "binary": ".bin"}
+
+
+@dataclass(frozen=True)
+class EptIndex:
+    """What ept.json and the hierarchy say.
+
+    Attributes
+    ----------
+    root : the folder of ept.json, resolved.
+    tiles : points per tile, by key (level-x-y-z).
+    cube : the box of the tile 0-0-0-0.
+    conforming : the box of the points.
+    schema : the columns of tiles of type ``"binary"``.
+    """
+
+    source: Path
+    root: Path
+    data_type: str
+    cube: Bounds
+    conforming: Bounds
+    count: int
+    tiles: Mapping[str, int]
+    schema: Tuple[Mapping[str, Any], ...]
+    crs: Optional[str]
+
+    def box(self, key: str) -> Bounds:
+        """The box of a tile: the cube is halved at each level."""
+        level, *place = (int(number) for number in key.split("-"))
+        low = (self.cube.min_x, self.cube.min_y, self.cube.min_z)
+        high = (self.cube.max_x, self.cube.max_y, self.cube.max_z)
+        edge = [(top - bottom) / 2.0**level for bottom, top in zip(low, high)]
+        start = [low[axis] + edge[axis] * place[axis] for axis in range(3)]
+        return Bounds(*start, *(start[axis] + edge[axis] for axis in range(3)))
+
+    def tile(self, key: str) -> Path:
+        """The file of a tile."""
+        return _inside(self.root, f"ept-data/{key}{_SUFFIX[self.data_type]}")
+
+
+def read_index(source: Path) -> EptIndex:
+    """Read ept.json and its whole hierarchy.
+
+    Raises
+    ------
+    CloudError
+        Not EPT, a compression that is not read, a path that leaves the folder, a hierarchy that
+        does not hold the points ept.json promises.
+    """
+    with naming(source, AGAIN):
+        root = source.resolve().parent
+        about = _json(_inside(root, source.resolve().name))
+        data_type = str(about.get("dataType"))
+        if data_type not in _SUFFIX:
+            raise CloudError(
+                f"{source}: its tiles are of type {data_type[:40]!r}; expected laszip (or "
+                "binary): convert the set, or give the LAZ file it was made from"
+            )
+        tiles = _hierarchy(root)
+        index = EptIndex(
+            source=source,
+            root=root,
+            data_type=data_type,
+            cube=_box(source, about["bounds"]),
+            conforming=_box(source, about.get("boundsConforming", about["bounds"])),
+            count=int(about["points"]),
+            tiles=tiles,
+            schema=tuple(about["schema"]),
+            crs=_crs(about.get("srs")),
+        )
+    held = sum(tiles.values())
+    if held != index.count:
+        raise CloudError(
+            f"{source}: promises {index.count} points, its hierarchy holds {held}; {AGAIN}"
+        )
+    return index
+
+
+def _inside(root: Path, name: str) -> Path:
+    """A path below the root, after following links."""
+    path = (root / name).resolve()
+    if root not in path.parents:
+        raise CloudError(f"{root / name}: leads out of its EPT folder; {AGAIN}")
+    return path
+
+
+def _json(path: Path) -> Dict[str, Any]:
+    with naming(path, AGAIN):
+        if path.stat().st_size > _MAX_JSON:
+            raise CloudError(
+                f"{path}: is larger than {_MAX_JSON >> 20} MB, which no EPT index is; {AGAIN}"
+            )
+        content = json.loads(path.read_bytes())
+    if not isinstance(content, dict):
+        raise CloudError(f"{path}: holds no JSON object; {AGAIN}")
+    return content
+
+
+def _hierarchy(root: Path) -> Dict[str, int]:
+    """Points per tile; a count of -1 says that a file of the tile's name goes on from there."""
+    tiles: Dict[str, int] = {}
+    waiting: List[str] = ["0-0-0-0"]
+    seen = set()
+    while waiting:
+        name = waiting.pop()
+        if name in seen:
+            continue
+        seen.add(name)
+        path = _inside(root, f"ept-hierarchy/{name}.json")
+        for key, count in _json(path).items():
+            if not _is_key(key) or not isinstance(count, int) or count < -1:
+                raise CloudError(
+                    f"{path}: has the entry {key[:40]!r}: {str(count)[:20]}; expected "
+                    f"'level-x-y-z' and a number of points; {AGAIN}"
+                )
+            if count == -1:
+                waiting.append(key)
+            elif count:
+                tiles[key] = count
+    return tiles
+
+
+def _is_key(key: str) -> bool:
+    match = _KEY.fullmatch(key)
+    if not match:
+        return False
+    level, *place = (int(number) for number in match.groups())
+    return level <= _MAX_LEVEL and all(number < 2**level for number in place)
+
+
+def _box(source: Path, values: Any) -> Bounds:
+    box = [float(value) for value in values]
+    if (
+        len(box) != 6
+        or not all(map(math.isfinite, box))
+        or any(low > high for low, high in zip(box[:3], box[3:]))
+    ):
+        raise CloudError(f"{source}: its bounds {str(values)[:80]} are no box; {AGAIN}")
+    return Bounds(*box)
+
+
+def _crs(srs: Any) -> Optional[str]:
+    """WKT if there is one, else the code of the authority, heights included."""
+    if not isinstance(srs, dict):
+        return None
+    if srs.get("wkt"):
+        return str(srs["wkt"])
+    if not (srs.get("authority") and srs.get("horizontal")):
+        return None
+    vertical = f"+{srs['vertical']}" if srs.get("vertical") else ""
+    return f"{srs['authority']}:{srs['horizontal']}{vertical}"

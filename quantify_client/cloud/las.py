@@ -1,0 +1,140 @@
+"""LAS and LAZ: streamed, with nothing decoded that is not measured.
+
+Only x, y, z, the class and the withheld flag are looked at. Point formats from 6 on are
+compressed field by field, so that the other fields are not even decompressed.
+"""
+
+from __future__ import annotations
+
+from io import BufferedReader
+from pathlib import Path
+from typing import Any, Callable, Iterator, Optional, Tuple
+
+import lazrs
+import numpy as np
+import numpy.typing as npt
+from laspy import DecompressionSelection
+
+from ..errors import CloudError
+from ..types import Chunk, CloudInfo, FloatArray, Window
+from .base import DEFAULT_CHUNK, naming, sort_out, survey
+from .las_crs import crs_of
+from .las_header import AGAIN, LasLayout, read_layout
+
+Bytes = npt.NDArray[np.uint8]
+SELECTION = (
+    DecompressionSelection.XY_RETURNS_CHANNEL
+    | DecompressionSelection.Z
+    | DecompressionSelection.CLASSIFICATION
+    | DecompressionSelection.FLAGS
+)
+_MAX_BUFFER = 64 << 20  # bytes of raw records held at a time, however long a record is
+_EXTENDED = 6  # first point format with the class and the flags in bytes of their own
+
+
+class LasCloud:
+    """One LAS or LAZ file."""
+
+    def __init__(self, path: Path, layout: Optional[LasLayout] = None) -> None:
+        self._layout = layout or read_layout(path)
+        found = crs_of(self._layout.header)
+        bounds, warnings = self._layout.bounds, found.warnings
+        if bounds is None and self._layout.count:
+            _, bounds = survey(self.chunks())
+            warnings += (f"{path}: the bounds in its header are no box; the points were read",)
+        self.info = CloudInfo(
+            sources=(str(path),),
+            format=self._format(),
+            point_count=self._layout.count,
+            bounds=bounds,
+            crs=found.crs,
+            crs_origin=found.origin,
+            warnings=warnings,
+        )
+
+    def _format(self) -> str:
+        return "laz" if self._layout.header.are_points_compressed else "las"
+
+    def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
+        """Deliver all points in file order; there is no index, so `window` has no effect."""
+        return read_points(self._layout, size)
+
+
+def read_points(layout: LasLayout, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
+    """Deliver the points of one file in chunks of at most `size`.
+
+    Raises
+    ------
+    CloudError
+        When the file ends, or cannot be decoded, before the last point its header promises.
+    """
+    if not layout.count:
+        return
+    step = max(1, min(size, _MAX_BUFFER // layout.record_length, layout.count))
+    buffer = np.empty(step * layout.record_length, dtype=np.uint8)
+    with naming(layout.path, AGAIN):
+        stream = layout.path.open("rb")
+    with stream:
+        stream.seek(layout.offset)
+        with naming(layout.path, AGAIN):
+            read = _source(layout, stream)
+        for done in range(0, layout.count, step):
+            points = min(step, layout.count - done)
+            part = buffer[: points * layout.record_length]
+            advice = f"its header promises {layout.count} points, {done} could be read; {AGAIN}"
+            with naming(layout.path, advice):
+                read(part)
+            yield decode(layout, part)
+
+
+def _source(layout: LasLayout, stream: BufferedReader) -> Callable[[Bytes], None]:
+    """The function that fills a buffer with the next records."""
+    if layout.laszip is None:
+        return lambda part: _fill(layout.path, stream, part)
+    decompressor = lazrs.ParLasZipDecompressor if layout.parallel else lazrs.LasZipDecompressor
+    source = decompressor(stream, layout.laszip, SELECTION.to_lazrs())
+    decompress: Callable[[Bytes], None] = source.decompress_many
+    return decompress
+
+
+def _fill(path: Path, stream: BufferedReader, part: Bytes) -> None:
+    if stream.readinto(part.data) != len(part):
+        raise CloudError(f"{path}: became shorter while it was read; {AGAIN}")
+
+
+def decode(layout: LasLayout, records: Bytes) -> Chunk:
+    """Turn raw records into coordinates, leaving out noise and withheld points.
+
+    Parameters
+    ----------
+    layout : LasLayout
+        What the header says of the records.
+    records : (N * record_length,) uint8
+        Complete records, one after the other.
+    """
+    header, length = layout.header, layout.record_length
+    rows = records.reshape(-1, length)
+    x, y, z = (
+        _scaled(rows, axis, float(header.scales[axis]), float(header.offsets[axis]))
+        for axis in range(3)
+    )
+    classes, withheld = _flags(rows, header.point_format.id)
+    return sort_out(x, y, z, classes, withheld)
+
+
+def _scaled(rows: Bytes, axis: int, scale: float, offset: float) -> FloatArray:
+    """Return X * scale + offset of the integers at the start of each record."""
+    integers: npt.NDArray[np.int32] = np.ndarray(
+        (len(rows),), dtype="<i4", buffer=rows.data, offset=4 * axis, strides=(rows.shape[1],)
+    )
+    out = np.multiply(integers, scale, dtype=np.float64)
+    out += offset
+    return out
+
+
+def _flags(rows: Bytes, point_format: int) -> Tuple[npt.NDArray[Any], npt.NDArray[np.bool_]]:
+    """Class and withheld flag: sharing byte 15 below format 6, bytes 16 and 15 from there on."""
+    if point_format >= _EXTENDED:
+        return rows[:, 16], (rows[:, 15] & 0b100).astype(bool)
+    both = rows[:, 15]
+    return both & 0b11111, (both & 0b1000_0000).astype(bool)

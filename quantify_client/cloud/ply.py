@@ -1,0 +1,129 @@
+"""PLY: ascii and binary of both byte orders, read in place.
+
+Binary points are looked at through a memory map of one chunk at a time, so that neither the file
+nor its pages stay in memory. PLY has no bounds in its header: opening reads the points once.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Iterator, List, Optional, Tuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import CloudError
+from ..types import Bounds, Chunk, CloudInfo, FloatArray, Window
+from .base import DEFAULT_CHUNK, naming, require_finite, sort_out, survey
+from .ply_header import PlyHeader, read_header, vertex_offset
+
+_AGAIN = "expected a complete PLY file: copy, download or export it again"
+_CLASS = "classification"
+_LINES = 200_000  # rows of text held at a time; as strings they take ten times their numbers
+_COARSE = 0.01  # metres, or whatever the cloud's unit is: more rounding than this is said
+
+
+class PlyCloud:
+    """One PLY file."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        with naming(path, _AGAIN), path.open("rb") as stream:
+            self._header = read_header(path, stream)
+            if self._header.order:
+                self._offset = vertex_offset(path, self._header)
+                self._require_size()
+        count, bounds = survey(self.chunks())
+        self.info = CloudInfo(
+            sources=(str(path),),
+            format="ply",
+            point_count=count,
+            bounds=bounds,
+            crs=None,
+            warnings=_rounding(path, self._header, bounds),
+        )
+
+    def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
+        """Deliver all points in file order; there is no index, so `window` has no effect."""
+        columns = self._header.columns
+        classed = self._has_classes()
+        read = self._binary if self._header.order else self._ascii
+        names = [columns[name] for name in ("x", "y", "z", *((_CLASS,) if classed else ()))]
+        done = 0
+        for values in read(names, size):
+            x, y, z = (np.ascontiguousarray(values[axis], dtype=np.float64) for axis in range(3))
+            require_finite(self._path, x, y, z, done)
+            done += len(x)
+            yield sort_out(x, y, z, values[3].astype(np.uint8) if classed else None)
+
+    def _has_classes(self) -> bool:
+        index = self._header.columns.get(_CLASS)
+        return index is not None and self._header.vertex.properties[index].kind == "u1"
+
+    def _require_size(self) -> None:
+        vertex = self._header.vertex
+        row = vertex.dtype(self._header.order).itemsize
+        held = max(self._path.stat().st_size - self._offset, 0) // row
+        if held < vertex.count:
+            raise _short(self._path, vertex.count, held)
+
+    def _binary(self, columns: List[int], size: int) -> Iterator[List[npt.NDArray[Any]]]:
+        vertex = self._header.vertex
+        row = vertex.dtype(self._header.order)
+        for start in range(0, vertex.count, size):
+            with naming(self._path, _AGAIN):
+                rows: npt.NDArray[np.void] = np.memmap(
+                    self._path,
+                    row,
+                    "r",
+                    self._offset + start * row.itemsize,
+                    (min(size, vertex.count - start),),
+                )
+            yield [rows[f"f{column}"] for column in columns]
+
+    def _ascii(self, columns: List[int], size: int) -> Iterator[List[npt.NDArray[Any]]]:
+        vertex = self._header.vertex
+        with naming(self._path, _AGAIN):
+            stream = self._path.open("r", encoding="ascii", errors="replace")
+        with stream:
+            skip = self._header.lines + sum(element.count for element in self._header.before)
+            for _ in range(skip):
+                if not stream.readline():
+                    raise _short(self._path, vertex.count, 0)
+            step = min(size, _LINES)
+            for start in range(0, vertex.count, step):
+                wanted = min(step, vertex.count - start)
+                advice = f"in the rows after point {start}; {_AGAIN}"
+                rows = [line for _, line in zip(range(wanted), stream)]
+                if len(rows) < wanted:
+                    raise _short(self._path, vertex.count, start + len(rows))
+                with naming(self._path, advice):
+                    table: FloatArray = np.loadtxt(rows, comments=None, usecols=columns, ndmin=2)
+                if len(table) < wanted:
+                    raise _short(self._path, vertex.count, start + len(table))
+                yield list(table.T)
+
+
+def _short(path: Path, promised: int, held: int) -> CloudError:
+    return CloudError(
+        f"{path}: is truncated: its header promises {promised} points, it holds {held}; {_AGAIN}"
+    )
+
+
+def _rounding(path: Path, header: PlyHeader, bounds: Optional[Bounds]) -> Tuple[str, ...]:
+    """Warn when single precision is too coarse where the points are."""
+    kinds = [header.vertex.properties[header.columns[axis]].kind for axis in "xyz"]
+    if bounds is None or "f4" not in kinds:
+        return ()
+    reach = [
+        max(abs(getattr(bounds, f"min_{axis}")), abs(getattr(bounds, f"max_{axis}")))
+        for axis, kind in zip("xyz", kinds)
+        if kind == "f4"
+    ]
+    step = float(np.spacing(np.float32(max(reach))))
+    if not _COARSE < step < np.inf:
+        return ()
+    return (
+        f"{path}: coordinates in single precision resolve only {step:g} at {max(reach):.0f}; "
+        "export with double precision, or use the LAZ file",
+    )

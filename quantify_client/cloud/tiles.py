@@ -1,0 +1,104 @@
+"""Several files as one survey."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Iterator, List, Optional, Sequence, Tuple
+
+from ..crs.projection import parse
+from ..errors import CloudError, CrsError
+from ..types import Bounds, Chunk, CloudInfo, Window
+from .base import DEFAULT_CHUNK, Cloud, gather, touches
+
+
+class TiledCloud:
+    """Tiles of one survey, in any mix of formats, read one after the other."""
+
+    def __init__(self, clouds: Sequence[Cloud]) -> None:
+        self._clouds = tuple(clouds)
+        infos = [cloud.info for cloud in self._clouds]
+        crs, origin, warnings = _common_crs(infos)
+        formats = {info.format for info in infos}
+        counts = [info.point_count for info in infos]
+        self.info = CloudInfo(
+            sources=tuple(source for info in infos for source in info.sources),
+            format=formats.pop() if len(formats) == 1 else "mixed",
+            point_count=sum(count or 0 for count in counts) if None not in counts else None,
+            bounds=_around([info.bounds for info in infos]),
+            crs=crs,
+            crs_origin=origin,
+            warnings=tuple(dict.fromkeys(w for info in infos for w in info.warnings)) + warnings,
+        )
+
+    def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
+        """Deliver the points of every tile whose bounds touch `window`."""
+        return gather(self._each(window, size), size)
+
+    def _each(self, window: Optional[Window], size: int) -> Iterator[Chunk]:
+        for cloud in self._clouds:
+            if touches(cloud.info.bounds, window):
+                yield from cloud.chunks(window, size)
+
+
+def require_distinct(paths: Sequence[Path]) -> None:
+    """Raise CloudError when a file is given twice: its points would count twice."""
+    seen = set()
+    for path in paths:
+        real = path.resolve()
+        if real in seen:
+            raise CloudError(f"{path}: is given twice; give each tile once")
+        seen.add(real)
+
+
+def _common_crs(
+    infos: Sequence[CloudInfo],
+) -> Tuple[Optional[str], Optional[str], Tuple[str, ...]]:
+    """The CRS that all tiles with a CRS agree on."""
+    known: List[CloudInfo] = [info for info in infos if info.crs]
+    if not known:
+        return None, None, ()
+    first = known[0]
+    for other in known[1:]:
+        if not _same(str(other.crs), str(first.crs)):
+            raise CloudError(
+                f"{other.sources[0]}: is in another CRS ({_short(other.crs)}) than "
+                f"{first.sources[0]} ({_short(first.crs)}); expected tiles of one survey: "
+                "reproject one of them, or measure them one by one"
+            )
+    silent = [info.sources[0] for info in infos if not info.crs]
+    if not silent:
+        return first.crs, first.crs_origin, ()
+    note = f"{len(silent)} of {len(infos)} tiles name no CRS (the first: {silent[0]})"
+    return first.crs, first.crs_origin, (f"{note}; they are taken to be in that of the others",)
+
+
+def _same(one: str, other: str) -> bool:
+    """Whether two texts mean one CRS, however each is written."""
+    if one == other:
+        return True
+    try:
+        return bool(parse(one).equals(parse(other), ignore_axis_order=True))
+    except CrsError:
+        return False
+
+
+def _short(crs: Optional[str]) -> str:
+    """The code or the name of a CRS."""
+    name = re.search(r'"([^"]*)"', crs or "")
+    return name.group(1)[:40] if name else str(crs)[:40]
+
+
+def _around(boxes: Sequence[Optional[Bounds]]) -> Optional[Bounds]:
+    """The box of all boxes; those of tiles whose points are all left out do not matter."""
+    known = [box for box in boxes if box is not None]
+    if not known:
+        return None
+    return Bounds(
+        min(box.min_x for box in known),
+        min(box.min_y for box in known),
+        min(box.min_z for box in known),
+        max(box.max_x for box in known),
+        max(box.max_y for box in known),
+        max(box.max_z for box in known),
+    )

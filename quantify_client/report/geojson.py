@@ -1,0 +1,127 @@
+"""The areas with their numbers as GeoJSON (RFC 7946), for a GIS."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Dict, List, Optional, Union
+
+import shapely
+from shapely.geometry.polygon import orient
+
+from ..errors import CrsError
+from ..types import AreaFailure, AreaResult, Measurement
+from .jsonout import to_json
+
+if TYPE_CHECKING:
+    from ..crs import Frame
+
+__all__ = ["CLOUD_COORDINATES", "to_geojson"]
+
+CLOUD_COORDINATES = "cloud coordinates, no CRS"
+WGS84_DECIMALS = 9  # 0.1 mm on the ground
+CLOUD_DECIMALS = 4
+FLAT_KEYS = (
+    "volume_m3",
+    "cut_m3",
+    "fill_m3",
+    "std_m3",
+    "cut_std_m3",
+    "fill_std_m3",
+    "area_m2",
+    "surface_area_m2",
+    "perimeter_m",
+    "min_z_m",
+    "max_z_m",
+    "max_height_m",
+    "coverage",
+    "points_used",
+    "mass_t",
+    "mass_std_t",
+    "base",
+    "cell_m",
+)
+
+
+def to_geojson(measurement: Measurement, frame: Optional[Frame] = None) -> Dict[str, Any]:
+    """Return a FeatureCollection: a feature for each result, failures with geometry null.
+
+    Longitude and latitude of WGS 84, outer rings counter-clockwise. Without a CRS the cloud's
+    own coordinates, which RFC 7946 does not know: the collection and each feature then say so
+    in ``coordinate_reference``.
+    """
+    if frame is None or frame.crs is None:
+        frame, remark = None, CLOUD_COORDINATES
+    else:
+        remark = _why_not_wgs84(measurement, frame)
+        frame = None if remark else frame
+    rows = to_json(measurement)["results"]
+    features = [
+        _feature(result, row, frame, remark) for result, row in zip(measurement.results, rows)
+    ]
+    collection: Dict[str, Any] = {"type": "FeatureCollection"}
+    if remark:
+        collection["coordinate_reference"] = remark
+    return {**collection, "features": features}
+
+
+def _why_not_wgs84(measurement: Measurement, frame: Frame) -> str:
+    """Return "" when the areas can be transformed, else words: a report is not lost for it."""
+    try:
+        for result in measurement.results:
+            _geometry(result, frame)
+    except CrsError as error:
+        return f"cloud coordinates: {error}"
+    return ""
+
+
+def _feature(
+    result: Union[AreaResult, AreaFailure],
+    row: Dict[str, Any],
+    frame: Optional[Frame],
+    remark: str,
+) -> Dict[str, Any]:
+    properties = _properties(row)
+    if remark:
+        properties["coordinate_reference"] = remark
+    return {"type": "Feature", "geometry": _geometry(result, frame), "properties": properties}
+
+
+def _properties(row: Dict[str, Any]) -> Dict[str, Any]:
+    """Return flat properties: attribute tables have no lists."""
+    if "error" in row:
+        return {"name": row["name"], "error": row["error"]}
+    flat: Dict[str, Any] = {"name": row["name"], **{key: row[key] for key in FLAT_KEYS}}
+    for part in ("", "cut_", "fill_"):
+        low, high = row[f"{part}interval95_m3"] or (None, None)
+        flat[f"{part}interval95_low_m3"], flat[f"{part}interval95_high_m3"] = low, high
+    flat["warnings"] = "; ".join(row["warnings"])
+    return flat
+
+
+def _geometry(
+    result: Union[AreaResult, AreaFailure], frame: Optional[Frame]
+) -> Optional[Dict[str, Any]]:
+    if isinstance(result, AreaFailure) or result.relief is None:
+        return None
+    geometry = shapely.from_wkb(result.relief.polygon_wkb)
+    decimals = CLOUD_DECIMALS if frame is None else WGS84_DECIMALS
+    if frame is not None:
+        geometry = _to_wgs84(geometry, frame)
+    parts = [_rings(orient(part, 1.0), decimals) for part in shapely.get_parts(geometry)]
+    if len(parts) == 1:
+        return {"type": "Polygon", "coordinates": parts[0]}
+    return {"type": "MultiPolygon", "coordinates": parts}
+
+
+def _to_wgs84(geometry: Any, frame: Frame) -> Any:
+    from ..crs import (
+        geometry_to_wgs84,
+    )  # late: it loads PROJ, which a cloud without CRS never needs
+
+    return geometry_to_wgs84(geometry, frame)
+
+
+def _rings(polygon: Any, decimals: int) -> List[List[List[float]]]:
+    rings = [polygon.exterior, *polygon.interiors]
+    return [
+        [[round(x, decimals), round(y, decimals)] for x, y, *_ in ring.coords] for ring in rings
+    ]

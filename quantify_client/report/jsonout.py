@@ -1,0 +1,124 @@
+"""The measurement as the JSON document ``quantify-client/1`` (see ``schema.json``)."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Union
+
+import numpy as np
+
+from ..types import AreaFailure, AreaResult, Measurement
+from .units import INTERVAL95
+from .words import encodable
+
+__all__ = ["SCHEMA", "interval95", "to_json"]
+
+SCHEMA = "quantify-client/1"
+
+
+def to_json(measurement: Measurement) -> Dict[str, Any]:
+    """Return the document: every key is present, null where it does not apply.
+
+    Lengths, areas and volumes are metric. Only str, bool, int, finite float, None, list and
+    dict occur; NaN and infinities become null.
+    """
+    document = {
+        "schema": SCHEMA,
+        "source": measurement.source,
+        "crs": measurement.crs,
+        "length_unit": measurement.length_unit,
+        "shape": measurement.shape,
+        "method": measurement.method,
+        "grid_scale_factor": measurement.grid_scale_factor,
+        "scale": measurement.scale,
+        "results": [_result(result) for result in measurement.results],
+        "warnings": list(measurement.warnings),
+        "provenance": measurement.provenance,
+    }
+    return {key: _plain(value) for key, value in document.items()}
+
+
+def interval95(value: Optional[float], std: Optional[float]) -> Optional[List[float]]:
+    """Return [value - 1.96 std, value + 1.96 std], or None without either.
+
+    Examples
+    --------
+    >>> interval95(10.0, 1.0)
+    [8.04, 11.96]
+    """
+    if value is None or std is None or not math.isfinite(value) or not math.isfinite(std):
+        return None
+    return [value - INTERVAL95 * std, value + INTERVAL95 * std]
+
+
+def _result(result: Union[AreaResult, AreaFailure]) -> Dict[str, Any]:
+    if isinstance(result, AreaFailure):
+        return {"name": result.name, "error": result.error}
+    return {
+        "name": result.name,
+        **_volumes(result),
+        "budget": [{"source": item.source, "std_m3": item.std_m3} for item in result.budget],
+        "area_m2": result.area_m2,
+        "surface_area_m2": result.surface_area_m2,
+        "perimeter_m": result.perimeter_m,
+        "min_z_m": result.min_z_m,
+        "max_z_m": result.max_z_m,
+        "max_height_m": result.max_height_m,
+        "coverage": result.coverage,
+        "points_used": result.points_used,
+        "points_left_out": result.points_left_out,
+        "slice_height_m": result.slice_height_m,
+        "slices": [dataclasses.asdict(piece) for piece in result.slices],
+        "mass_t": result.mass_t,
+        "mass_std_t": result.mass_std_t,
+        "base": result.base,
+        "cell_m": result.cell_m,
+        "bases": _bases(result.bases),
+        "checks": [{"method": c.method, "volume_m3": c.volume_m3} for c in result.checks],
+        "warnings": list(result.warnings),
+    }
+
+
+def _volumes(result: AreaResult) -> Dict[str, Any]:
+    return {
+        "volume_m3": result.volume_m3,
+        "cut_m3": result.cut_m3,
+        "fill_m3": result.fill_m3,
+        "std_m3": result.std_m3,
+        "interval95_m3": interval95(result.volume_m3, result.std_m3),
+        "cut_std_m3": result.cut_std_m3,
+        "cut_interval95_m3": interval95(result.cut_m3, result.cut_std_m3),
+        "fill_std_m3": result.fill_std_m3,
+        "fill_interval95_m3": interval95(result.fill_m3, result.fill_std_m3),
+    }
+
+
+def _bases(bases: Sequence[AreaResult]) -> Optional[List[Dict[str, Any]]]:
+    keys = ("base", "volume_m3", "cut_m3", "fill_m3", "std_m3")
+    return [{key: getattr(row, key) for key in keys} for row in bases] or None
+
+
+def _plain(value: Any) -> Any:
+    """Return the value in JSON's own types; what has none (a geometry, a path) as text."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if value is None or isinstance(value, (bool, int)):
+        return value
+    if isinstance(value, float):
+        return value + 0.0 if math.isfinite(value) else None  # + 0.0: no "-0.0"
+    if isinstance(value, str):
+        return encodable(value)
+    return _plain_container(value)
+
+
+def _plain_container(value: Any) -> Any:
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        value = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {encodable(str(key)): _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return [_plain(item) for item in value]
+    return encodable(str(value))

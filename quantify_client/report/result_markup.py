@@ -1,0 +1,165 @@
+"""One result as HTML: headline, numbers with their inputs, budget, comparison, slices."""
+
+from __future__ import annotations
+
+from typing import List, Optional, Tuple
+
+from ..types import AreaResult
+from .jsonout import interval95
+from .markup import bar, details, facts, note, table, text
+from .units import NOTHING, Units, count, number
+from .words import base_words, coverage_words, is_terrain, volume_word
+
+__all__ = ["result_body"]
+
+
+def result_body(result: AreaResult, units: Units) -> Tuple[str, str]:
+    """Return what goes above the picture and what goes below it."""
+    below = [
+        '<div class="columns">',
+        _section("Numbers and inputs", facts(_facts(result, units))),
+        _section("Error budget", _budget(result, units)),
+        "</div>",
+    ]
+    if result.bases:
+        below.append(details_open("Base surfaces compared", _bases(result, units)))
+    if result.slices:
+        below.append(details(f"Slices ({len(result.slices)})", _slices(result, units)))
+    return _headline(result, units) + note(list(result.warnings)), "".join(below)
+
+
+def details_open(summary: str, markup: str) -> str:
+    """Return markup that can be folded away."""
+    return details(summary, markup).replace("<details>", "<details open>", 1)
+
+
+def _section(title: str, markup: str) -> str:
+    return f"<section><h3>{text(title)}</h3>{markup}</section>" if markup else ""
+
+
+def _headline(result: AreaResult, units: Units) -> str:
+    terrain = is_terrain(result)
+    tiles = [_tile("", volume_word(result), result.volume_m3, result.std_m3, units)]
+    if terrain:
+        tiles += [
+            _tile("cut", "Cut, above the base", result.cut_m3, result.cut_std_m3, units),
+            _tile("fill", "Fill, below the base", result.fill_m3, result.fill_std_m3, units),
+        ]
+    if result.mass_t is not None:
+        tiles.append(_mass_tile(result, units))
+    return f'<dl class="headline">{"".join(tiles)}</dl>'
+
+
+def _tile(kind: str, name: str, value: Optional[float], std: Optional[float], units: Units) -> str:
+    spread = units.half_width(std)
+    plus = "" if spread == NOTHING else f" \u00b1 {spread}"
+    ends = interval95(value, std)
+    interval = "no interval"
+    if ends is not None:
+        low, high = (units.volume_number(end, std) for end in ends)
+        interval = f"95 %: {low} to {high} {text(units.volume)}"
+    return (
+        f'<div class="{kind}"><dt>{text(name)}</dt><dd><div class="big">'
+        f"{units.volume_number(value, std)}<small>{plus} {text(units.volume)}</small></div>"
+        f'<div class="interval">{interval}</div></dd></div>'
+    )
+
+
+def _mass_tile(result: AreaResult, units: Units) -> str:
+    spread = units.mass_half_width(result.mass_std_t)
+    plus = "" if spread == NOTHING else f" \u00b1 {spread}"
+    shown, unit = units.mass_text(result.mass_t, result.mass_std_t).rsplit("\u00a0", 1)
+    of = "of the cut" if is_terrain(result) else "of the body"
+    return (
+        f'<div><dt>Mass</dt><dd><div class="big">{shown}<small>{plus} {text(unit)}</small></div>'
+        f'<div class="interval">{of}, \u00b1 95 %</div></dd></div>'
+    )
+
+
+def _facts(result: AreaResult, units: Units) -> List[Tuple[str, str]]:
+    left_out = [f"{count(n)} {text(why)}" for why, n in result.points_left_out.items()]
+    rows = [
+        ("Area in plan", units.area_text(result.area_m2)),
+        ("Surface area", units.area_text(result.surface_area_m2)),
+        ("Perimeter", units.length_text(result.perimeter_m)),
+        (
+            "Lowest, highest",
+            f"{units.length_number(result.min_z_m)} to {units.length_text(result.max_z_m)}",
+        ),
+        ("Greatest height", units.length_text(result.max_height_m)),
+        ("Base", text(base_words(result.base, units)) if result.base is not None else NOTHING),
+        ("Cell", units.length_text(result.cell_m)),
+        ("Coverage by points", coverage_words(result.coverage)),
+        ("Points used", count(result.points_used)),
+        ("Points left out", ", ".join(left_out) or "none"),
+        ("Slice height", _slice_height(result, units)),
+    ]
+    rows += [(f"Check: {c.method}", _check(result, c.volume_m3, units)) for c in result.checks]
+    return [row for row in rows if row[1] != NOTHING]
+
+
+def _slice_height(result: AreaResult, units: Units) -> str:
+    if result.slice_height_m is not None:
+        return units.length_text(result.slice_height_m)
+    return "uneven" if result.slices else NOTHING
+
+
+def _check(result: AreaResult, volume_m3: float, units: Units) -> str:
+    difference = units.volume_number(volume_m3 - result.volume_m3, result.std_m3)
+    shown = text(units.volume_text(volume_m3, result.std_m3))
+    return f'{shown} <span class="muted">(differs by {difference})</span>'
+
+
+def _budget(result: AreaResult, units: Units) -> str:
+    """Return the budget; bars show shares of the variance, since that is what adds up."""
+    if not result.budget:
+        return ""
+    total = sum(item.std_m3**2 for item in result.budget)
+    rows = []
+    for item in sorted(result.budget, key=lambda item: -item.std_m3):
+        share = item.std_m3**2 / total if total > 0 else 0.0
+        shown = units.volume_number(item.std_m3, item.std_m3)
+        percent = f'<span class="share">{share * 100:.0f}\u00a0%</span>'
+        rows.append([text(item.source), shown, f"{bar(share)} {percent}"])
+    head = ["Source", f"1 \u03c3, {text(units.volume)}", "Share of variance"]
+    foot = ["Together", units.volume_number(result.std_m3, result.std_m3), ""]
+    return table(head, rows, foot=foot)
+
+
+def _bases(result: AreaResult, units: Units) -> str:
+    rows = [
+        [
+            text(base_words(row.base, units)),
+            units.volume_number(row.volume_m3, row.std_m3),
+            units.half_width(row.std_m3),
+            units.volume_number(row.cut_m3, row.cut_std_m3),
+            units.volume_number(row.fill_m3, row.fill_std_m3),
+        ]
+        for row in result.bases
+    ]
+    unit = text(units.volume)
+    return table(
+        ["Base", f"Net, {unit}", f"\u00b1 95 %, {unit}", f"Cut, {unit}", f"Fill, {unit}"], rows
+    )
+
+
+def _slices(result: AreaResult, units: Units) -> str:
+    middle = "Above base" if is_terrain(result) else "Elevation"
+    head = [
+        f"{middle}, {text(units.length)}",
+        f"Thickness, {text(units.length)}",
+        f"Area, {text(units.area)}",
+        f"Volume, {text(units.volume)}",
+        "Points",
+    ]
+    rows = [
+        [
+            number(piece.z_m * units.length_per_m, digits=5),
+            number(piece.height_m * units.length_per_m),
+            number(piece.area_m2 * units.area_per_m2, digits=5),
+            units.volume_number(piece.volume_m3),
+            count(piece.points),
+        ]
+        for piece in sorted(result.slices, key=lambda piece: -piece.z_m)
+    ]
+    return table(head, rows, left=0)

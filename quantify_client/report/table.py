@@ -1,0 +1,159 @@
+"""The results on a terminal."""
+
+from __future__ import annotations
+
+from typing import List, Optional, Tuple
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from ..types import AreaFailure, AreaResult, Measurement
+from .units import MINUS, NOTHING, THIN_SPACE, Units, display_units
+from .words import base_words, coverage_words, crs_words, is_terrain, printable, volume_word
+
+__all__ = ["print_table"]
+
+NARROW = 92  # columns of text below which a row of more than a few cells ...
+FEW = 5  # ... gets lines of its own
+PLAIN = {THIN_SPACE: " ", MINUS: "-", NOTHING: "-", "\u00a0": " "}
+ASCII = {"\u00b1": "+-", "\u00b2": "2", "\u00b3": "3", "\u03c3": "s", "\ufffd": "?"}
+
+Row = List[Tuple[str, str]]  # heading and cell
+
+
+def print_table(measurement: Measurement, console: Console, *, units: str = "metric") -> None:
+    """Print a row for each area, and below it warnings, checks and compared bases.
+
+    Names and warnings are shown as they are: markup in them is text, and control characters
+    never reach the terminal.
+    """
+    shown = display_units(measurement, units)
+    _print(console, _how(measurement), "dim")
+    measured = [r for r in measurement.results if isinstance(r, AreaResult)]
+    rows = [_row(result, shown) for result in measured]
+    _print_rows(console, rows)
+    for result in measured:
+        _print_remarks(console, result, shown, named=len(measurement.results) > 1)
+    for failed in measurement.results:
+        if isinstance(failed, AreaFailure):
+            _print(console, f"{failed.name}: not measured: {failed.error}", "bold red")
+    for warning in measurement.warnings:
+        _print(console, f"Warning: {warning}", "yellow")
+
+
+def _how(measurement: Measurement) -> str:
+    factor = measurement.grid_scale_factor
+    grid = "" if factor is None else f"; grid scale factor {factor:.6f}"
+    return (
+        f"{measurement.source}: shape {measurement.shape}, method {measurement.method}; "
+        f"CRS {crs_words(measurement.crs)}{grid}"
+    )
+
+
+def _row(result: AreaResult, units: Units) -> Row:
+    unit = units.volume
+    row = [
+        ("Area", result.name),
+        (f"{volume_word(result)} {unit}", units.volume_number(result.volume_m3, result.std_m3)),
+        ("\u00b1 95 %", units.half_width(result.std_m3)),
+    ]
+    if is_terrain(result):
+        row += [
+            (f"Cut {unit}", units.volume_number(result.cut_m3, result.cut_std_m3)),
+            (f"Fill {unit}", units.volume_number(result.fill_m3, result.fill_std_m3)),
+        ]
+    if result.area_m2 is not None:
+        row.append(("In plan", units.area_text(result.area_m2)))
+    if result.coverage is not None:
+        row.append(("Coverage", coverage_words(result.coverage)))
+    if result.mass_t is not None:
+        row.append(("Mass", _mass(result, units)))
+    if result.base is not None:
+        row.append(("Base", base_words(result.base, units)))
+    return row
+
+
+def _mass(result: AreaResult, units: Units) -> str:
+    spread = units.mass_half_width(result.mass_std_t)
+    mass = units.mass_text(result.mass_t, result.mass_std_t)
+    return mass if spread == NOTHING else f"{mass} \u00b1 {spread}"
+
+
+def _print_rows(console: Console, rows: List[Row]) -> None:
+    widest = max((sum(len(cell) + 3 for _, cell in row[1:]) for row in rows), default=0)
+    if console.width < max(NARROW, widest) and (not rows or len(rows[0]) > FEW):
+        for row in rows:
+            _print_lines(console, row)
+    elif rows:
+        console.print(_grid(console, rows))
+
+
+def _grid(console: Console, rows: List[Row]) -> Table:
+    """Return the table; columns are those of any row, in the order of the fullest."""
+    headings = list(dict.fromkeys(h for row in sorted(rows, key=len)[::-1] for h, _ in row))
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, header_style="bold")
+    for heading in headings:
+        text = heading in ("Area", "Base")
+        table.add_column(
+            _text(console, heading),
+            justify="left" if text else "right",
+            # Numbers are never broken; a long name is.
+            no_wrap=not text,
+            overflow="fold",
+            min_width=None if text else len(heading),
+        )
+    for row in rows:
+        cells = dict(row)
+        table.add_row(*(_text(console, cells.get(h, "")) for h in headings))
+    return table
+
+
+def _print_lines(console: Console, row: Row) -> None:
+    (_, name), *rest = row
+    _print(console, name, "bold")
+    width = max(len(heading) for heading, _ in rest)
+    for heading, cell in rest:
+        _print(console, f"  {heading:<{width}}  {cell}")
+
+
+def _print_remarks(console: Console, result: AreaResult, units: Units, named: bool) -> None:
+    name = f"{result.name}: " if named else ""
+    for check in result.checks:
+        volume = units.volume_text(check.volume_m3, result.std_m3)
+        _print(console, f"{name}check by {check.method}: {volume}")
+    if result.bases:
+        _print(console, f"{name}base surfaces compared", "bold")
+        _print_rows(console, [_base_row(row, units) for row in result.bases])
+    for warning in result.warnings:
+        _print(console, f"{name}warning: {warning}", "yellow")
+
+
+def _base_row(row: AreaResult, units: Units) -> Row:
+    return [
+        ("Base", base_words(row.base, units)),
+        (f"Net {units.volume}", units.volume_number(row.volume_m3, row.std_m3)),
+        ("\u00b1 95 %", units.half_width(row.std_m3)),
+        (f"Cut {units.volume}", units.volume_number(row.cut_m3, row.cut_std_m3)),
+        (f"Fill {units.volume}", units.volume_number(row.fill_m3, row.fill_std_m3)),
+    ]
+
+
+def _print(console: Console, line: str, style: Optional[str] = None) -> None:
+    text = _text(console, line)
+    text.stylize(style or "")
+    console.print(text, highlight=False, soft_wrap=False)
+
+
+def _text(console: Console, line: str) -> Text:
+    """Return a Text, whose brackets are no markup, of what the terminal can show."""
+    line = printable(line)
+    for letter, plain in PLAIN.items():
+        line = line.replace(letter, plain)
+    encoding = console.encoding or "utf-8"
+    if not encoding.lower().startswith("utf"):
+        for letter, plain in ASCII.items():
+            line = line.replace(letter, plain)
+        line = line.encode(encoding, "replace").decode(encoding)
+    return Text(line)

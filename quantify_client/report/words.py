@@ -1,0 +1,116 @@
+"""Words that the terminal, the page and the pictures share, made safe to show."""
+
+from __future__ import annotations
+
+import json
+import re
+import unicodedata
+from typing import Any, Optional, Union
+
+from ..types import AreaResult
+from .units import Units
+
+__all__ = [
+    "base_words",
+    "coverage_words",
+    "crs_words",
+    "encodable",
+    "is_terrain",
+    "json_words",
+    "printable",
+    "slug",
+    "volume_word",
+]
+
+REPLACEMENT = "\ufffd"
+# Direction overrides can make a text read as another one ("Trojan source").
+BIDI_CONTROLS = frozenset(
+    "\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
+)
+SPACES = frozenset("\t\n\r\v\f\x85\u2028\u2029")
+WKT_NAME = re.compile(r'^\s*[A-Z_a-z]+\s*[\[(]\s*"((?:[^"]|"")*)"')
+SLUG_LENGTH = 40
+
+
+def printable(text: object) -> str:
+    r"""Return the text on one line, without anything that steers a terminal or the reader.
+
+    Examples
+    --------
+    >>> printable("a\x1b[31mb\nc") == "a\ufffd[31mb c"
+    True
+    """
+    return "".join(_printable_character(c) for c in str(text))
+
+
+def _printable_character(character: str) -> str:
+    if character in SPACES:
+        return " "
+    if character in BIDI_CONTROLS or unicodedata.category(character) in ("Cc", "Cs"):
+        return REPLACEMENT
+    return character
+
+
+def encodable(text: str) -> str:
+    """Return the text without lone surrogates (undecodable file names), which no UTF-8 can hold."""
+    return text.encode("utf-8", "replace").decode("utf-8")
+
+
+def slug(name: str) -> str:
+    """Return a part of a file name that is the same on every system.
+
+    Examples
+    --------
+    >>> slug("Größe / Pile #3"), slug("../.."), slug("砂")
+    ('groe-pile-3', 'unnamed', 'unnamed')
+    """
+    folded = unicodedata.normalize("NFKD", encodable(name)).encode("ascii", "ignore").decode()
+    return re.sub(r"[^a-z0-9]+", "-", folded.lower())[:SLUG_LENGTH].strip("-") or "unnamed"
+
+
+def crs_words(crs: Optional[str]) -> str:
+    """Return a CRS in a few words: the name of a WKT, anything else as it is.
+
+    Examples
+    --------
+    >>> crs_words('PROJCRS["WGS 84 / UTM zone 15N",BASEGEOGCRS[]]'), crs_words("EPSG:32615")
+    ('WGS 84 / UTM zone 15N', 'EPSG:32615')
+    """
+    if not crs:
+        return "none (cloud coordinates)"
+    match = WKT_NAME.match(crs)
+    return printable(match.group(1).replace('""', '"') if match else crs)
+
+
+def base_words(base: Union[str, float, None], units: Units) -> str:
+    """Return a base surface in words."""
+    if base is None:
+        return "none"
+    if isinstance(base, str):
+        return printable(base)
+    return f"elevation {units.length_text(base)}"
+
+
+def coverage_words(coverage: Optional[float]) -> str:
+    """Return a share as a percentage that says 100 only when it is."""
+    if coverage is None:
+        return "\u2013"
+    percent = min(coverage * 100.0, 99.9) if coverage < 1.0 else 100.0
+    return f"{percent:.0f}\u00a0%" if percent in (0.0, 100.0) else f"{percent:.1f}\u00a0%"
+
+
+def is_terrain(result: AreaResult) -> bool:
+    """Return whether a result has a base, and with it a cut and a fill."""
+    return result.cut_m3 is not None
+
+
+def volume_word(result: AreaResult) -> str:
+    """Return what `volume_m3` is called: net for terrain, volume for a body."""
+    return "Net" if is_terrain(result) else "Volume"
+
+
+def json_words(value: Any) -> str:
+    """Return a value of the provenance in one line."""
+    if isinstance(value, str):
+        return printable(value)
+    return printable(json.dumps(value, ensure_ascii=False))

@@ -1,0 +1,1 @@
+"""Photographs -> OpenDroneMap outputs; for now, what an output holds (:mod:`.outputs`)."""

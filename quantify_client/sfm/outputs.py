@@ -1,0 +1,190 @@
+"""What the user points at -> an open cloud: files, tiles, an ODM folder or an all.zip."""
+
+from __future__ import annotations
+
+import re
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
+
+from ..cloud import DEFAULT_CHUNK, Cloud, open_cloud
+from ..cloud.base import naming
+from ..errors import CloudError
+from ..types import Chunk, CloudInfo, Window
+from .archive import unpacked
+from .layout import GEOREFERENCING, Sidecar, belongs_to_odm, find_cloud, read_sidecar
+
+__all__ = ["Source", "open_source"]
+
+_URL = re.compile(r"^https?:/", re.IGNORECASE)
+_MODEL_STEM = "odm_georeferenced_model"
+_INNER = (GEOREFERENCING, "entwine_pointcloud", "odm_filterpoints")
+
+
+@dataclass(frozen=True)
+class Source:
+    """An open cloud and where it came from.
+
+    Attributes
+    ----------
+    cloud : the points; valid while :func:`open_source` is.
+    label : what the user gave.
+    stem : name of the result when there are no polygons.
+    is_odm : whether OpenDroneMap made it.
+    inputs : per file its ``path``, ``size`` in bytes and ``mtime`` (ISO 8601, UTC).
+    """
+
+    cloud: Cloud
+    label: str
+    stem: str
+    is_odm: bool
+    inputs: Sequence[Mapping[str, Any]]
+
+
+@contextmanager
+def open_source(sources: Sequence[Union[str, Path]]) -> Iterator[Source]:
+    """Open what the user gave: one source, or several tiles of one survey.
+
+    A source is a point cloud, an ept.json, an ODM project folder, a folder of LAS or LAZ tiles,
+    or an all.zip; what is unpacked is removed at the end of the ``with`` block.
+
+    Raises
+    ------
+    CloudError
+        One line: what was found, what was expected, what to do.
+    """
+    if not sources:
+        raise CloudError("no source is given; expected a point cloud, a folder or an all.zip")
+    with ExitStack() as stack:
+        located = [_locate(str(source), stack) for source in sources]
+        aliases = tuple(alias for item in located for alias in item.aliases)
+        with _renaming(aliases):
+            cloud = open_cloud([path for item in located for path in item.paths])
+        yield Source(
+            cloud=_Presented(cloud, _info(cloud.info, located, aliases), aliases),
+            label=" ".join(str(source) for source in sources),
+            stem=_common_stem([str(source) for source in sources]),
+            is_odm=any(item.is_odm for item in located),
+            inputs=tuple(entry for item in located for entry in item.inputs),
+        )
+
+
+Aliases = Tuple[Tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class _Located:
+    """One source found: its files, and how to name those that only exist for now."""
+
+    paths: Tuple[Path, ...]
+    is_odm: bool
+    inputs: Tuple[Mapping[str, Any], ...]
+    sidecar: Optional[Sidecar] = None
+    warnings: Tuple[str, ...] = ()
+    aliases: Aliases = ()
+
+
+def _locate(given: str, stack: ExitStack) -> _Located:
+    if _URL.match(given):
+        raise CloudError(
+            f"{given.split('?')[0]}: is a web address, which is not read; download the all.zip of "
+            "the task and give that"
+        )
+    path = Path(given)
+    with naming(path, "check the path"):
+        if not path.exists():
+            raise CloudError(f"{path}: does not exist; check the path")
+        is_folder = path.is_dir()
+    if is_folder:
+        found = find_cloud(path)
+        inputs = tuple(_input(str(file), file) for file in found.paths)
+        sidecar = None if found.warnings else read_sidecar(found.paths[0])
+        return _Located(found.paths, found.is_odm, inputs, sidecar, found.warnings)
+    entry = (_input(given, path),)
+    if path.suffix.lower() == ".zip":
+        file = stack.enter_context(unpacked(path))
+        is_odm = file.parent.name.startswith("odm_")
+        alias = (str(file.parent.parent if is_odm else file.parent), given)
+        return _Located((file,), is_odm, entry, read_sidecar(file), aliases=(alias,))
+    return _Located((path,), belongs_to_odm(path), entry, read_sidecar(path))
+
+
+def _input(given: str, path: Path) -> Mapping[str, Any]:
+    with naming(path, "check the path"):
+        status = path.stat()
+    changed = datetime.fromtimestamp(status.st_mtime, tz=timezone.utc)
+    return {"path": given, "size": status.st_size, "mtime": changed.isoformat()}
+
+
+def _info(info: CloudInfo, located: Sequence[_Located], aliases: Aliases) -> CloudInfo:
+    """Add what the sources know beyond the files themselves."""
+    warnings = [_rename(text, aliases) for text in info.warnings]
+    warnings += [text for item in located for text in item.warnings]
+    info = replace(info, sources=tuple(_rename(text, aliases) for text in info.sources))
+    sidecars = {item.sidecar.crs: item.sidecar for item in located if item.sidecar}
+    if info.crs is None and sidecars:
+        if len(sidecars) > 1:
+            raise CloudError(
+                f"the sources are in different CRS ({', '.join(sorted(sidecars))[:200]}); expected "
+                "tiles of one survey: measure them one by one"
+            )
+        (sidecar,) = sidecars.values()
+        if sidecar.fits(info.bounds):
+            info = replace(info, crs=sidecar.crs, crs_origin=sidecar.origin)
+        else:
+            warnings.append(
+                f"{sidecar.origin} says {sidecar.crs}, but the cloud is nowhere near the place it "
+                "gives: the cloud is taken to have no CRS"
+            )
+    return replace(info, warnings=tuple(warnings))
+
+
+class _Presented:
+    """A cloud under the names the user knows, with what its surroundings say of it."""
+
+    def __init__(self, cloud: Cloud, info: CloudInfo, aliases: Aliases) -> None:
+        self._cloud = cloud
+        self._aliases = aliases
+        self.info = info
+
+    def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
+        """As the cloud itself; errors name the archive instead of a temporary file."""
+        with _renaming(self._aliases):
+            yield from self._cloud.chunks(window, size)
+
+
+@contextmanager
+def _renaming(aliases: Aliases) -> Iterator[None]:
+    try:
+        yield
+    except CloudError as error:
+        if not aliases:
+            raise
+        raise CloudError(_rename(str(error), aliases)) from error
+
+
+def _rename(text: str, aliases: Aliases) -> str:
+    for temporary, given in aliases:
+        text = text.replace(temporary, given)
+    return text
+
+
+def _common_stem(given: List[str]) -> str:
+    if len(given) == 1:
+        return _stem(Path(given[0])) or "cloud"
+    parents = {Path(name).resolve().parent for name in given}
+    return (parents.pop().name if len(parents) == 1 else _stem(Path(given[0]))) or "cloud"
+
+
+def _stem(path: Path) -> str:
+    """The project's name for ODM's own file and folder names, else the file's."""
+    real = path.resolve()
+    if real.is_dir():
+        return real.parent.name if real.name in _INNER else real.name
+    stem = re.sub(r"\.copc$", "", real.stem, flags=re.IGNORECASE)
+    if stem != _MODEL_STEM and real.name not in ("ept.json", "point_cloud.ply"):
+        return stem
+    folder = real.parent
+    return (folder.parent.name if folder.name in _INNER else folder.name) or stem

@@ -1,0 +1,242 @@
+"""report.json, slices.csv and areas.geojson state the results, and nothing that harms."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import json
+import math
+from importlib import resources
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, Dict, List
+
+import jsonschema
+import numpy as np
+import pytest
+import shapely
+
+from quantify_client.errors import CrsError
+from quantify_client.report import geojson, to_json
+from quantify_client.report.csvout import write_slices
+
+from . import surveys
+
+DOCUMENT_KEYS = (
+    "schema source crs length_unit shape method grid_scale_factor scale results warnings provenance"
+).split()
+RESULT_KEYS = (
+    "name volume_m3 cut_m3 fill_m3 std_m3 interval95_m3 cut_std_m3 cut_interval95_m3 fill_std_m3 "
+    "fill_interval95_m3 budget area_m2 surface_area_m2 perimeter_m min_z_m max_z_m max_height_m "
+    "coverage points_used points_left_out slice_height_m slices mass_t mass_std_t base checks "
+    "warnings"
+).split()
+SCALE = {
+    "factor": 1.0123,
+    "std": 0.0004,
+    "transform": np.eye(4).tolist(),
+    "mode": "scale",
+    "target_crs": None,
+    "observations": [
+        {
+            "kind": "distance",
+            "from": "A",
+            "to": "B",
+            "observed": 5.879,
+            "adjusted": 5.88,
+            "residual": 0.001,
+            "sigma": 0.005,
+            "redundancy": 0.4,
+            "outlier": False,
+        }
+    ],
+    "check_rms_m": None,
+    "rms_m": 0.002,
+    "warnings": [],
+}
+
+
+def schema() -> Dict[str, Any]:
+    path = resources.files("quantify_client.report") / "schema.json"
+    return json.loads(path.read_text("utf-8"))
+
+
+def valid(document: Dict[str, Any]) -> None:
+    jsonschema.Draft202012Validator.check_schema(schema())
+    jsonschema.Draft202012Validator(schema()).validate(document)
+
+
+def test_keys_are_those_of_the_design() -> None:
+    document = to_json(surveys.everything())
+    assert list(document) == DOCUMENT_KEYS
+    for row in (document["results"][0], document["results"][1]):
+        assert [key for key in row if key not in ("cell_m", "bases")] == RESULT_KEYS
+    assert document["schema"] == "quantify-client/1"
+    assert set(document["results"][2]) == {"name", "error"}
+
+
+@pytest.mark.parametrize(
+    "measurement",
+    [
+        surveys.everything(),
+        surveys.measurement(surveys.body(), shape="object", method="polar", crs=None),
+        surveys.measurement(scale=SCALE, length_unit="unknown", grid_scale_factor=None),
+    ],
+)
+def test_documents_follow_the_schema(measurement: Any) -> None:
+    valid(to_json(measurement))
+
+
+@pytest.mark.parametrize("place", [(), ("results", 0), ("results", 0, "slices", 0), ("results", 2)])
+def test_schema_refuses_an_unknown_and_a_missing_key(place: Any) -> None:
+    for change in ("add", "remove"):
+        document = to_json(surveys.everything())
+        part: Any = document
+        for step in place:
+            part = part[step]
+        if change == "add":
+            part["surprise"] = 1
+        else:
+            part.pop(next(iter(part)))
+        with pytest.raises(jsonschema.ValidationError):
+            valid(document)
+
+
+def test_interval_is_1_96_standard_deviations() -> None:
+    row = to_json(surveys.measurement(surveys.body(volume_m3=10.0, std_m3=2.0)))["results"][0]
+    assert row["interval95_m3"] == pytest.approx([6.08, 13.92], abs=1e-12)
+    assert row["cut_m3"] is None
+    assert row["cut_interval95_m3"] is None
+
+
+def test_nan_and_numpy_numbers_never_reach_json() -> None:
+    result = surveys.body(
+        std_m3=math.nan, min_z_m=np.float64(1.5), points_used=np.int64(7), max_z_m=math.inf
+    )
+    row = to_json(surveys.measurement(result, provenance={"path": Path("a"), "n": np.arange(2)}))
+    text = json.dumps(row, allow_nan=False)
+    assert json.loads(text)["provenance"] == {"path": "a", "n": [0, 1]}
+    assert row["results"][0]["std_m3"] is None
+    assert row["results"][0]["interval95_m3"] is None
+    assert type(row["results"][0]["points_used"]) is int
+
+
+def test_undecodable_file_names_stay_writable() -> None:
+    document = to_json(surveys.measurement(source="pile\udcff.laz"))
+    assert document["source"] == "pile?.laz"
+
+
+def test_bases_become_rows_of_five_numbers() -> None:
+    rows = to_json(surveys.everything())["results"]
+    assert rows[0]["bases"] is None
+    assert [row["base"] for row in rows[1]["bases"]] == ["triangulate", "plane", "average", 329.5]
+    assert set(rows[1]["bases"][0]) == {"base", "volume_m3", "cut_m3", "fill_m3", "std_m3"}
+
+
+def slices_csv(*names: str) -> List[List[str]]:
+    file = io.StringIO(newline="")
+    write_slices(surveys.measurement(*(surveys.body(name) for name in names)), file)
+    return list(csv.reader(io.StringIO(file.getvalue(), newline="")))
+
+
+@pytest.mark.parametrize(
+    "name", ["=cmd()", "+1", "-1", "@SUM(A1)", "\tx", "\r=1", "\n=1", " =1", '=HYPERLINK("x")']
+)
+def test_formulas_in_names_are_text(name: str) -> None:
+    rows = slices_csv(name)
+    assert {row[0] for row in rows[1:]} == {f"'{name}"}
+
+
+def test_csv_has_one_row_a_slice_and_plain_numbers() -> None:
+    rows = slices_csv('a "b", c\r\nd', "e")
+    assert rows[0] == ["name", "z_m", "height_m", "area_m2", "volume_m3", "points"]
+    assert len(rows) == 81
+    assert rows[1][0] == 'a "b", c\r\nd'
+    assert float(rows[1][1]) == 0.025
+    file = io.StringIO(newline="")
+    write_slices(surveys.measurement(surveys.hollow()), file)
+    assert "'-" not in file.getvalue()
+    assert any(float(row[4]) < 0 for row in list(csv.reader(file.getvalue().splitlines()))[1:])
+
+
+def shrink(geometry: Any, _frame: Any) -> Any:
+    """Stand in for the projection; shapely's buffers have clockwise outer rings, so must turn."""
+    east, north = surveys.EASTING, surveys.NORTHING
+    return shapely.transform(
+        geometry, lambda xy: np.column_stack([xy[:, 0] - east, xy[:, 1] - north]) * 1e-5
+    )
+
+
+def signed_area(ring: Any) -> float:
+    x, y = np.asarray(ring).T
+    return float(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]) / 2)
+
+
+def test_geojson_is_wgs84_with_right_hand_rings(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(geojson, "_to_wgs84", shrink)
+    frame: Any = SimpleNamespace(crs="EPSG:32615")
+    collection = geojson.to_geojson(surveys.everything(), frame)
+    assert set(collection) == {"type", "features"}
+    outer, hole = collection["features"][0]["geometry"]["coordinates"]
+    assert signed_area(outer) > 0 > signed_area(hole)
+    assert outer[0] == outer[-1]
+    assert np.abs(outer).max() < 1
+    failed = collection["features"][2]
+    assert failed["geometry"] is None
+    assert failed["properties"]["name"] == surveys.HOSTILE
+    assert "crosses itself" in failed["properties"]["error"]
+
+
+def test_geojson_properties_are_flat() -> None:
+    measurement = surveys.everything()
+    collection = geojson.to_geojson(measurement)
+    for feature in collection["features"]:
+        assert not any(isinstance(v, (list, dict)) for v in feature["properties"].values())
+    properties = collection["features"][1]["properties"]
+    volume, std = measurement.results[1].volume_m3, measurement.results[1].std_m3
+    assert properties["interval95_low_m3"] == pytest.approx(volume - 1.96 * std, abs=1e-9)
+    assert properties["warnings"].startswith("3.2 % of the cells were interpolated.; odd")
+
+
+def test_geojson_without_crs_says_so() -> None:
+    collection = geojson.to_geojson(surveys.measurement(surveys.pile(), crs=None))
+    remark = "cloud coordinates, no CRS"
+    assert collection["coordinate_reference"] == remark
+    assert collection["features"][0]["properties"]["coordinate_reference"] == remark
+    x, y = collection["features"][0]["geometry"]["coordinates"][0][0]
+    assert x > surveys.EASTING
+    assert y > surveys.NORTHING
+
+
+def test_geojson_of_a_crs_that_cannot_be_transformed_keeps_the_polygons(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refuse(_geometry: Any, _frame: Any) -> Any:
+        raise CrsError("an engineering CRS")
+
+    monkeypatch.setattr(geojson, "_to_wgs84", refuse)
+    frame: Any = SimpleNamespace(crs="LOCAL")
+    collection = geojson.to_geojson(surveys.measurement(surveys.pile()), frame)
+    assert collection["coordinate_reference"] == "cloud coordinates: an engineering CRS"
+    assert collection["features"][0]["geometry"]["coordinates"][0][0][0] > surveys.EASTING
+
+
+def test_multipolygons_stay_whole() -> None:
+    pile = surveys.pile()
+    parts = shapely.union_all([shapely.box(0, 0, 1, 1), shapely.box(5, 5, 7, 7)])
+    relief = dataclasses.replace(pile.relief, polygon_wkb=shapely.to_wkb(parts))
+    pile = dataclasses.replace(pile, relief=relief)
+    geometry = geojson.to_geojson(surveys.measurement(pile))["features"][0]["geometry"]
+    assert geometry["type"] == "MultiPolygon"
+    assert len(geometry["coordinates"]) == 2
+
+
+@pytest.mark.parametrize("name", ["pile"])
+def test_real_projection_lands_on_the_beach(name: str) -> None:
+    crs = pytest.importorskip("quantify_client.crs")
+    frame = crs.Frame(crs="EPSG:32615", length_unit="m")
+    collection = geojson.to_geojson(surveys.measurement(surveys.pile(name)), frame)
+    lon, lat = collection["features"][0]["geometry"]["coordinates"][0][0]
+    assert lon == pytest.approx(-91.99, abs=0.02)
+    assert lat == pytest.approx(46.84, abs=0.02)
