@@ -8,6 +8,7 @@ Every message is one line that holds what was found, what was expected, and the 
     |   +-- AreaError                a polygon or the file around it
     |   +-- CrsError                 a coordinate reference system or a unit
     |   +-- SupportError             too few points under an area
+    |   +-- UsageError               options that contradict each other
     +-- OutputError (OSError)        what we were to write cannot be written
     +-- MissingExtraError (ImportError)   an optional package is needed
 """
@@ -23,6 +24,7 @@ __all__ = [
     "OutputError",
     "QuantifyError",
     "SupportError",
+    "UsageError",
 ]
 
 
@@ -48,6 +50,10 @@ class CrsError(InputError):
 
 class SupportError(InputError):
     """Too few points lie under an area to measure it."""
+
+
+class UsageError(InputError):
+    """Options contradict each other or are out of range."""
 
 
 class OutputError(QuantifyError, OSError):

@@ -84,7 +84,8 @@ class CloudInfo:
     Attributes
     ----------
     sources : the files, in the order in which they are read.
-    format : ``"las"``, ``"laz"``, ``"copc"``, ``"ply"``, ``"text"``, ``"ept"``.
+    format : ``"las"``, ``"laz"``, ``"copc"``, ``"ply"``, ``"text"``, ``"ept"``, or
+        ``"mixed"``.
     point_count : number of points the headers promise, or None where only reading tells (text).
     bounds : from the headers, in the cloud's own units, or None where only reading tells.
     crs : WKT, PROJ string or ``EPSG:n``; None when the cloud does not say.
@@ -221,7 +222,7 @@ class AreaResult:
     cell_m: Optional[float] = None
     checks: Sequence[Check] = ()
     warnings: Sequence[str] = ()
-    bases: Sequence["AreaResult"] = ()
+    bases: Sequence[AreaResult] = ()
     relief: Optional[Relief] = None
 
 
@@ -238,7 +239,8 @@ class Measurement:
     """All results of one call of :func:`quantify_client.measure`.
 
     ``crs`` is ``EPSG:n``, WKT or None. ``provenance`` has version, options, input, started and
-    seconds. ``warnings`` concern the whole cloud; each result has its own besides.
+    seconds. ``warnings`` concern the whole cloud; each result has its own besides. ``frame`` is the
+    measuring frame (a :class:`quantify_client.crs.Frame`), for whoever draws or exports polygons.
     """
 
     source: str
@@ -251,6 +253,7 @@ class Measurement:
     warnings: Sequence[str]
     provenance: Mapping[str, Any]
     scale: Optional[Mapping[str, Any]] = None
+    frame: Optional[Any] = field(default=None, repr=False, compare=False)
 
     @property
     def complete(self) -> bool:

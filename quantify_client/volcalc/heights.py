@@ -18,7 +18,7 @@ __all__ = ["CellHeights", "cell_heights", "fill_gaps", "support"]
 POINTS_PER_CELL = 4.0
 
 #: Cells beyond the area on each side, for rim heights, gradients and noise.
-MARGIN = 12
+MARGIN = 24
 
 #: A neighbourhood in which strays are told from surface holds at least this many points.
 _BLOCK_POINTS = 64.0

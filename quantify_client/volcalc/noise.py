@@ -2,8 +2,9 @@
 
 Photogrammetric errors are neighbours' errors: a volume's error falls much more slowly with the
 number of points than for independent ones. Blocks of growing size are compared with their
-neighbours by second differences in both directions at once, which terrain hardly enters (planes,
-cylinders and whatever else is f(x) + g(y) give zero), and robustly, so that edges do not count. How the spread falls with the block size
+neighbours by differences in both directions at once, which terrain hardly enters (planes, cylinders
+and whatever else is f(x) + g(y) give zero), and robustly, so that edges do not count: by first
+differences on the ground around the area, by second ones where there is too little of that. How the spread falls with the block size
 tells independent noise (as 1 / size) from correlated noise (it stays until the blocks are larger
 than the correlation length).
 """
@@ -13,19 +14,24 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy import optimize, signal
 
-from ..types import FloatArray
+from ..types import FloatArray, IntArray
 
 __all__ = ["Noise", "functional_std", "measure_noise"]
 
-#: Autocorrelation of a second difference (1, -2, 1): at lag 0, and at lags -1 and 1, -2 and 2
-#: together.
-_AUTOCORRELATION = (6.0, -8.0, 2.0)
+#: Autocorrelation of the first difference (1, -1) and of the second (1, -2, 1): at lag 0, then at
+#: lags -n and n together. Squared at lag 0 it is the variance of a mixed difference of
+#: independent values of variance 1.
+_AUTOCORRELATION = {1: (2.0, -2.0), 2: (6.0, -8.0, 2.0)}
 
-#: Median of the absolute value of a standard normal deviate.
-_MEDIAN_ABSOLUTE = 0.6744897501960817
+#: The spread is read from this quantile of the absolute differences, below the median since the
+#: largest come from the shape of the ground; and what it is for a standard normal deviate.
+_QUANTILE = 1.0 / 3.0
+_NORMAL_QUANTILE = 0.43072729929545744
+
+#: Correlation lengths below this, in cells, are as good as none.
+_SHORTEST = 0.7
 
 _BLOCKS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
 
@@ -35,12 +41,15 @@ _LEAST_DIFFERENCES = 40
 #: Larger blocks see the shape of what is measured, not its noise: this many fit along each side.
 _LEAST_BLOCKS = 14
 
+#: Differences of single cells around the area that make the ground there sufficient.
+_ENOUGH_AROUND = 400
+
 #: Differences overlap and their median is a wasteful estimate: this many tell as much as would
 #: make a variance good to one standard deviation.
 _DIFFERENCES_PER_VOICE = 20.0
 
 #: Correlation is only believed when it explains the blocks better by this much (chi-square).
-_CONVINCING = 8.0
+_CONVINCING = 6.0
 
 #: Correlated sums are made on a grid of at most about this many blocks a side.
 _COARSE_SIDE = 160
@@ -67,7 +76,7 @@ class Noise:
 
 
 def measure_noise(
-    z: FloatArray, count: npt.NDArray[np.int64], filled: FloatArray
+    z: FloatArray, count: IntArray, filled: FloatArray, fraction: FloatArray
 ) -> Noise:
     """Return the noise of cell heights, measured from the heights themselves.
 
@@ -76,28 +85,39 @@ def measure_noise(
     z : (ny, nx) float64, metres; NaN where no points are.
     count : (ny, nx) points of each cell.
     filled : `z` with its gaps closed.
+    fraction : (ny, nx) share of each cell inside the area. The ground outside is less shaped
+        than what is measured, and where there is enough of it, it tells the noise.
     """
-    sizes, spreads, voices = [], [], []
-    for size in _BLOCKS:
-        means = _block_means(z, size)
-        differences = _mixed_differences(means)
-        if min(means.shape) < _LEAST_BLOCKS or len(differences) < _LEAST_DIFFERENCES:
-            break
-        sizes.append(size)
-        spreads.append(float(np.median(np.abs(differences))) / _MEDIAN_ABSOLUTE)
-        voices.append(len(differences) / _DIFFERENCES_PER_VOICE)
+    around = np.where(fraction > 0, np.nan, z)
+    enough = len(_mixed_differences(around, 1)) >= _ENOUGH_AROUND
+    order = 1 if enough else 2
+    sizes, observed, voices = _spreads(around if enough else z, order)
     independent, correlated, length = 0.0, 0.0, 1.0
-    if sizes:
-        observed = np.maximum(np.array(spreads) ** 2, 1e-24)
-        independent, correlated, length = _fit(np.array(sizes), observed, np.sqrt(voices))
+    if len(sizes):
+        independent, correlated, length = _fit(sizes, observed, np.sqrt(voices), order)
     each = _cell_sigma(independent, z, count, filled)
     return Noise(independent, correlated, length, each)
+
+
+def _spreads(z: FloatArray, order: int) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Return block sizes, variances of their mixed differences, and what these are based on."""
+    sizes, variances, voices = [], [], []
+    for size in _BLOCKS:
+        means = _block_means(z, size)
+        differences = np.abs(_mixed_differences(means, order))
+        few = order == 2 and min(means.shape) < _LEAST_BLOCKS
+        if few or len(differences) < _LEAST_DIFFERENCES:
+            break
+        sizes.append(size)
+        variances.append(max(np.quantile(differences, _QUANTILE) / _NORMAL_QUANTILE, 1e-12) ** 2)
+        voices.append(len(differences) / _DIFFERENCES_PER_VOICE)
+    return np.array(sizes), np.array(variances), np.array(voices)
 
 
 def _cell_sigma(
     independent: float,
     z: FloatArray,
-    count: npt.NDArray[np.int64],
+    count: IntArray,
     filled: FloatArray,
 ) -> FloatArray:
     """Return each cell's independent standard deviation.
@@ -125,12 +145,9 @@ def _block_means(z: FloatArray, size: int) -> FloatArray:
     return np.where(2 * count > size * size, total / np.maximum(count, 1), np.nan)
 
 
-def _mixed_differences(means: FloatArray) -> FloatArray:
-    """Return all second differences down the columns of second differences along the rows."""
-    if min(means.shape) < 3:
-        return np.empty(0)
-    along = means[:, :-2] - 2 * means[:, 1:-1] + means[:, 2:]
-    both = along[:-2] - 2 * along[1:-1] + along[2:]
+def _mixed_differences(means: FloatArray, order: int) -> FloatArray:
+    """Return all differences down the columns of differences along the rows."""
+    both = np.diff(np.diff(means, order, axis=1), order, axis=0)
     return np.asarray(both[np.isfinite(both)])
 
 
@@ -142,23 +159,41 @@ def _block_correlation(size: int, length: float, lags: int) -> FloatArray:
     return np.asarray((np.exp(-(distance**2) / (2 * length**2)) * share).sum(axis=1))
 
 
-def _fit(sizes: FloatArray, observed: FloatArray, voice: FloatArray) -> tuple[float, float, float]:
-    """Return independent, correlated and length that best explain the observed variances."""
-    white = 36.0 / sizes.astype(np.float64) ** 2
-    alone = white * voice / observed
-    variance = float(alone @ voice / (alone @ alone))
-    best = (float(((alone * variance - voice) ** 2).sum()) - _CONVINCING, variance, 0.0, 1.0)
-    for length in np.geomspace(0.7, max(1.0, 1.5 * float(sizes[-1])), 24):
-        together = np.empty(len(sizes))
-        for i, size in enumerate(sizes):
-            g = _block_correlation(int(size), float(length), 3)
-            together[i] = float((g * np.array(_AUTOCORRELATION)).sum()) ** 2
-        scaled = np.column_stack([white, together]) * (voice / observed)[:, None]
-        variances, misfit = optimize.nnls(scaled, voice)
-        if misfit**2 < best[0]:
-            best = (float(misfit**2), float(variances[0]), float(variances[1]), float(length))
-    _, independent, correlated, length = best
-    return float(np.sqrt(independent)), float(np.sqrt(correlated)), length
+def _fit(
+    sizes: IntArray, observed: FloatArray, voice: FloatArray, order: int
+) -> tuple[float, float, float]:
+    """Return independent, correlated and length that best explain the observed variances.
+
+    What grows with the block size like the square or the fourth power is the shape of the ground;
+    correlated noise is what levels off and falls again.
+    """
+    block = sizes.astype(np.float64)
+    columns = [_AUTOCORRELATION[order][0] ** 2 / block**2, block**2, block**4]
+    variances, best = _explain(columns, observed, voice)
+    independent, correlated, length = variances[0], 0.0, 1.0
+    best -= _CONVINCING
+    for trial in np.geomspace(_SHORTEST, max(1.0, float(block[-1])), 20):
+        together = np.array([_together(int(size), float(trial), order) for size in sizes])
+        variances, misfit = _explain([*columns, together], observed, voice)
+        if misfit < best:
+            best, independent, correlated, length = misfit, variances[0], variances[3], trial
+    return float(np.sqrt(independent)), float(np.sqrt(correlated)), float(length)
+
+
+def _explain(
+    columns: list[FloatArray], observed: FloatArray, voice: FloatArray
+) -> tuple[FloatArray, float]:
+    """Return the non-negative shares of the columns in the observed variances, and chi-square."""
+    scaled = np.column_stack(columns) * (voice / observed)[:, None]
+    norm = np.linalg.norm(scaled, axis=0)
+    shares, misfit = optimize.nnls(scaled / norm, voice)
+    return shares / norm, float(misfit**2)
+
+
+def _together(size: int, length: float, order: int) -> float:
+    """Return the mixed difference's variance for correlated noise of variance 1."""
+    along = _block_correlation(size, length, order + 1) * np.array(_AUTOCORRELATION[order])
+    return float(along.sum()) ** 2
 
 
 def functional_std(weights: FloatArray, noise: Noise) -> float:

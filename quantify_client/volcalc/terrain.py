@@ -134,7 +134,7 @@ def _survey(
         filled,
         fraction,
         sample_rim(parts, heights, fraction),
-        measure_noise(heights.z, heights.count, filled),
+        measure_noise(heights.z, heights.count, filled, fraction),
         coverage,
         points,
     )
