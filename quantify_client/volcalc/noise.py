@@ -36,20 +36,22 @@ _SHORTEST = 0.7
 _BLOCKS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
 
 #: A block size needs this many differences to be heard.
-_LEAST_DIFFERENCES = 40
+_LEAST_DIFFERENCES = 12
 
 #: Larger blocks see the shape of what is measured, not its noise: this many fit along each side.
-_LEAST_BLOCKS = 14
+_LEAST_BLOCKS = 10
 
 #: Differences of single cells around the area that make the ground there sufficient.
 _ENOUGH_AROUND = 400
 
-#: Differences overlap and their median is a wasteful estimate: this many tell as much as would
-#: make a variance good to one standard deviation.
-_DIFFERENCES_PER_VOICE = 20.0
+#: Neighbouring differences share blocks, and a quantile is a wasteful estimate: this many, by their
+#: order, tell as much as makes a variance good to one standard deviation.
+_DIFFERENCES_PER_VOICE = {1: 12.0, 2: 20.0}
 
 #: Correlation is only believed when it explains the blocks better by this much (chi-square).
 _CONVINCING = 6.0
+
+_ROUNDS = 4
 
 #: Correlated sums are made on a grid of at most about this many blocks a side.
 _COARSE_SIDE = 160
@@ -89,7 +91,7 @@ def measure_noise(
         than what is measured, and where there is enough of it, it tells the noise.
     """
     around = np.where(fraction > 0, np.nan, z)
-    enough = len(_mixed_differences(around, 1)) >= _ENOUGH_AROUND
+    enough = len(_mixed_differences(around, 1, 1, 1)) >= _ENOUGH_AROUND
     order = 1 if enough else 2
     sizes, observed, voices = _spreads(around if enough else z, order)
     independent, correlated, length = 0.0, 0.0, 1.0
@@ -103,14 +105,14 @@ def _spreads(z: FloatArray, order: int) -> tuple[IntArray, FloatArray, FloatArra
     """Return block sizes, variances of their mixed differences, and what these are based on."""
     sizes, variances, voices = [], [], []
     for size in _BLOCKS:
-        means = _block_means(z, size)
-        differences = np.abs(_mixed_differences(means, order))
-        few = order == 2 and min(means.shape) < _LEAST_BLOCKS
-        if few or len(differences) < _LEAST_DIFFERENCES:
+        stride = max(1, size // 2)
+        differences = np.abs(_mixed_differences(z, size, stride, order))
+        independent = len(differences) * (stride / size) ** 2
+        if independent < _LEAST_DIFFERENCES or min(z.shape) < _LEAST_BLOCKS * size:
             break
         sizes.append(size)
         variances.append(max(np.quantile(differences, _QUANTILE) / _NORMAL_QUANTILE, 1e-12) ** 2)
-        voices.append(len(differences) / _DIFFERENCES_PER_VOICE)
+        voices.append(independent / _DIFFERENCES_PER_VOICE[order])
     return np.array(sizes), np.array(variances), np.array(voices)
 
 
@@ -135,20 +137,30 @@ def _cell_sigma(
     return np.asarray(np.sqrt((by_noise + by_place) / np.maximum(count, 1)))
 
 
-def _block_means(z: FloatArray, size: int) -> FloatArray:
-    """Return means over blocks of size x size cells; NaN where more than half of one is empty."""
-    ny, nx = (n // size for n in z.shape)
-    blocks = z[: ny * size, : nx * size].reshape(ny, size, nx, size)
-    known = np.isfinite(blocks)
-    count = known.sum(axis=(1, 3))
-    total = np.where(known, blocks, 0.0).sum(axis=(1, 3))
-    return np.where(2 * count > size * size, total / np.maximum(count, 1), np.nan)
+def _mixed_differences(z: FloatArray, size: int, stride: int, order: int) -> FloatArray:
+    """Return differences down the columns of differences along the rows of block means.
+
+    Blocks of size x size cells start every `stride` cells; the blocks of one difference lie side
+    by side. A block counts when more than half of its cells are known.
+    """
+    known = np.isfinite(z)
+    count = _sliding_sums(known.astype(np.float64), size, stride)
+    total = _sliding_sums(np.where(known, z, 0.0), size, stride)
+    means = np.where(2 * count > size * size, total / np.maximum(count, 1), np.nan)
+    lag = size // stride
+    for _ in range(order):
+        means = means[:, lag:] - means[:, :-lag]
+    for _ in range(order):
+        means = means[lag:] - means[:-lag]
+    return np.asarray(means[np.isfinite(means)])
 
 
-def _mixed_differences(means: FloatArray, order: int) -> FloatArray:
-    """Return all differences down the columns of differences along the rows."""
-    both = np.diff(np.diff(means, order, axis=1), order, axis=0)
-    return np.asarray(both[np.isfinite(both)])
+def _sliding_sums(values: FloatArray, size: int, stride: int) -> FloatArray:
+    """Return the sums over blocks of size x size cells that start every `stride` cells."""
+    running = np.pad(values.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
+    high, low = running[size::stride], running[:-size:stride]
+    rows = high - low
+    return np.asarray(rows[:, size::stride] - rows[:, :-size:stride])
 
 
 def _block_correlation(size: int, length: float, lags: int) -> FloatArray:
@@ -164,30 +176,42 @@ def _fit(
 ) -> tuple[float, float, float]:
     """Return independent, correlated and length that best explain the observed variances.
 
-    What grows with the block size like the square or the fourth power is the shape of the ground;
-    correlated noise is what levels off and falls again.
+    On the area itself what grows with the block size like the square or the fourth power is its
+    shape, and correlated noise is what levels off and falls again. On the ground around, whatever
+    is not independent counts as correlated: to the base it is an error all the same.
     """
     block = sizes.astype(np.float64)
-    columns = [_AUTOCORRELATION[order][0] ** 2 / block**2, block**2, block**4]
+    columns = [_AUTOCORRELATION[order][0] ** 2 / block**2]
+    if order == 2:
+        columns += [block**2, block**4]
     variances, best = _explain(columns, observed, voice)
     independent, correlated, length = variances[0], 0.0, 1.0
     best -= _CONVINCING
-    for trial in np.geomspace(_SHORTEST, max(1.0, float(block[-1])), 20):
+    for trial in np.geomspace(_SHORTEST, max(1.0, 1.5 * float(block[-1])), 24):
         together = np.array([_together(int(size), float(trial), order) for size in sizes])
         variances, misfit = _explain([*columns, together], observed, voice)
         if misfit < best:
-            best, independent, correlated, length = misfit, variances[0], variances[3], trial
+            best, independent, correlated, length = misfit, variances[0], variances[-1], trial
     return float(np.sqrt(independent)), float(np.sqrt(correlated)), float(length)
 
 
 def _explain(
     columns: list[FloatArray], observed: FloatArray, voice: FloatArray
 ) -> tuple[FloatArray, float]:
-    """Return the non-negative shares of the columns in the observed variances, and chi-square."""
-    scaled = np.column_stack(columns) * (voice / observed)[:, None]
-    norm = np.linalg.norm(scaled, axis=0)
-    shares, misfit = optimize.nnls(scaled / norm, voice)
-    return shares / norm, float(misfit**2)
+    """Return the non-negative shares of the columns in the observed variances, and chi-square.
+
+    An observed variance scatters in proportion to the true one, so the weights follow the fit.
+    """
+    matrix = np.column_stack(columns)
+    shares, expected, misfit = np.zeros(len(columns)), observed, 0.0
+    for _ in range(_ROUNDS):
+        weight = voice / expected
+        scaled = matrix * weight[:, None]
+        norm = np.linalg.norm(scaled, axis=0)
+        shares = optimize.nnls(scaled / norm, observed * weight)[0] / norm
+        expected = np.maximum(matrix @ shares, 1e-3 * observed)
+        misfit = float((((observed - expected) / expected * voice) ** 2).sum())
+    return shares, misfit
 
 
 def _together(size: int, length: float, order: int) -> float:
