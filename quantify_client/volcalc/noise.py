@@ -4,9 +4,9 @@ Photogrammetric errors are neighbours' errors: a volume's error falls much more 
 number of points than for independent ones. Blocks of growing size are compared with their
 neighbours by differences in both directions at once, which terrain hardly enters (planes, cylinders
 and whatever else is f(x) + g(y) give zero), and robustly, so that edges do not count: by first
-differences on the ground around the area, by second ones where there is too little of that. How the spread falls with the block size
-tells independent noise (as 1 / size) from correlated noise (it stays until the blocks are larger
-than the correlation length).
+differences on the ground around the area, by second ones where there is too little of that. How
+the spread falls with the block size tells independent noise (as 1 / size) from correlated noise
+(it stays until the blocks are larger than the correlation length).
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ from .noise import Noise, measure_noise
 from .rim import Rim, sample_rim
 from .surface import Voxels
 from .tin import tin_integral
-from .uncertainty import Surface, error_budget, rim_relief
+from .uncertainty import BASE_MISFIT, Surface, error_budget, rim_relief
 
 __all__ = ["Recipe", "measure_terrain"]
 
@@ -159,8 +159,12 @@ def _measure(ground: _Ground, base_name: Union[str, float], recipe: Recipe) -> A
     known = inside & np.isfinite(r)
     above = above_mask(r, a, ground.noise.cell)
     surface = Surface(
-        r, a, ground.heights.z, ground.filled,
-        window.cell / recipe.ground_factor, above,
+        r,
+        a,
+        ground.heights.z,
+        ground.filled,
+        window.cell / recipe.ground_factor,
+        above,
     )
     budget = error_budget(surface, base, rim, ground.noise)
     edges = slab_edges(
@@ -194,7 +198,7 @@ def _result(
     recipe: Recipe,
 ) -> AreaResult:
     """Return the result without its slices, checks and warnings."""
-    r, a, window = surface.r, surface.a, ground.heights.window
+    r, window = surface.r, ground.heights.window
     inside = ground.fraction > 0
     elevation = surface.filled[inside & np.isfinite(surface.filled)]
     std = [float(np.sqrt(sum(getattr(item, f) ** 2 for item in budget))) for f in _COLUMNS]
@@ -252,9 +256,7 @@ def _surface_area(surface: Surface, inside: _BOOLS) -> float:
 def _mean_of_nine(values: FloatArray) -> FloatArray:
     padded = np.pad(values, 1)
     ny, nx = values.shape
-    return np.asarray(
-        sum(padded[i : i + ny, j : j + nx] for i in range(3) for j in range(3)) / 9.0
-    )
+    return np.asarray(sum(padded[i : i + ny, j : j + nx] for i in range(3) for j in range(3)) / 9.0)
 
 
 def _check(
@@ -303,16 +305,15 @@ def _warnings(
     return said
 
 
-def _relief_warning(
-    ground: _Ground, base: Base, rim: Rim | None, result: AreaResult
-) -> list[str]:
+def _relief_warning(ground: _Ground, base: Base, rim: Rim | None, result: AreaResult) -> list[str]:
     if rim is None or base.name not in ("triangulate", "plane"):
         return []
     relief = rim_relief(rim, ground.noise)
     total = (result.cut_m3 or 0.0) + (result.fill_m3 or 0.0)
-    if 0.15 * relief * (result.area_m2 or 0.0) < _RELIEF_SHARE * total or relief == 0:
+    if BASE_MISFIT * relief * (result.area_m2 or 0.0) < _RELIEF_SHARE * total or relief == 0:
         return []
     return [
-        f"the ground along the outline is uneven ({relief:.2g} m RMS about a plane), and no outline "
-        "tells what it does under the area; see 'base' in the error budget, and --base compare"
+        f"the ground along the outline is uneven ({relief:.2g} m RMS about a plane), and no "
+        "outline tells what it does under the area; see 'base' in the error budget, and try "
+        "--base compare"
     ]

@@ -11,20 +11,20 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
+from scipy import ndimage, special
 
 from ..types import BudgetItem, FloatArray
 from .base import Base
 from .noise import Noise, functional_std
 from .rim import Rim
 
-__all__ = ["Surface", "error_budget", "rim_relief"]
+__all__ = ["BASE_MISFIT", "Surface", "error_budget", "rim_relief"]
 
 #: Share of the rim's own relief, times the area, that a base between rim points is off by.
-_BASE_MISFIT = 0.15
+BASE_MISFIT = 0.25
 
 #: Relief below this many times the rim's noise is noise.
-_CLEAR_RELIEF = 2.0
+_CLEAR_RELIEF = 1.5
 
 _BOOLS = npt.NDArray[np.bool_]
 
@@ -54,26 +54,51 @@ class Surface:
 def error_budget(surface: Surface, base: Base, rim: Rim | None, noise: Noise) -> list[BudgetItem]:
     """Return the items survey, base, coverage and slicing, each for net, cut and fill."""
     known = np.isfinite(surface.r)
-    sides = [known, known & surface.above, known & ~surface.above]
-    survey, from_base = zip(*(_noise_items(surface, base, rim, noise, side) for side in sides))
+    everywhere = np.where(known, surface.a, 0.0)
+    net = _noise_items(everywhere, surface, base, rim, noise)
+    sides = [
+        np.where(known & surface.above, surface.a, 0.0),
+        np.where(known & ~surface.above, surface.a, 0.0),
+    ]
+    either = _either_side(surface, noise, float(np.hypot(*net)))
+    split = [_noise_items(np.maximum(side, either), surface, base, rim, noise) for side in sides]
+    survey, from_base = zip(net, *split)
     level = _flat_ground(surface, noise)
     misfit = _base_misfit(surface, base, rim, noise)
-    missing = [_coverage(surface, noise, side) for side in sides]
+    weights = [everywhere, *sides]
+    missing = [_coverage(surface, noise, weight > 0) for weight in weights]
     unmeasured = _unmeasured(surface)
-    rim_cells = [_slicing(surface, side) for side in sides]
     return [
-        BudgetItem("survey", survey[0], np.hypot(survey[1], level), np.hypot(survey[2], level)),
+        BudgetItem(
+            "survey",
+            survey[0],
+            float(np.hypot(survey[1], level)),
+            float(np.hypot(survey[2], level)),
+        ),
         BudgetItem("base", *(float(np.hypot(s, m)) for s, m in zip(from_base, misfit))),
         BudgetItem("coverage", *(float(np.hypot(m, unmeasured)) for m in missing)),
-        BudgetItem("slicing", *rim_cells),
+        BudgetItem("slicing", *(_slicing(surface, weight > 0) for weight in weights)),
     ]
 
 
+def _either_side(surface: Surface, noise: Noise, std: float) -> FloatArray:
+    """Return the area of each cell that may belong to the other side of the base.
+
+    Where the ground is nearer to the base than the base is sure, a cell is cut or fill by chance:
+    its weight in the other side's error is the probability that it belongs there.
+    """
+    area = float(surface.a.sum())
+    unsure = np.hypot(std / area, noise.correlated) if area > 0 else 0.0
+    if unsure <= 0:
+        return np.zeros(surface.a.shape)
+    distance = np.abs(np.where(np.isfinite(surface.r), surface.r, np.inf)) / unsure
+    return np.asarray(surface.a * special.ndtr(-distance))
+
+
 def _noise_items(
-    surface: Surface, base: Base, rim: Rim | None, noise: Noise, side: _BOOLS
+    weights: FloatArray, surface: Surface, base: Base, rim: Rim | None, noise: Noise
 ) -> tuple[float, float]:
-    """Return the survey's and the base's standard deviations for the cells of one side."""
-    weights = np.where(side, surface.a, 0.0)
+    """Return the survey's and the base's standard deviations of sum(weights * r)."""
     direct = _onto_measured(weights, np.isfinite(surface.z))
     survey = functional_std(direct, noise)
     if rim is None:
@@ -122,7 +147,7 @@ def _base_misfit(
     """Return what the ground under the area may depart from a base drawn through its rim."""
     if rim is None or base.name not in ("triangulate", "plane"):
         return 0.0, 0.0, 0.0
-    off = _BASE_MISFIT * rim_relief(rim, noise)
+    off = BASE_MISFIT * rim_relief(rim, noise)
     known = np.isfinite(surface.r)
     above = float(surface.a[known & surface.above].sum())
     below = float(surface.a[known & ~surface.above].sum())

@@ -1,0 +1,96 @@
+"""The measured noise is the noise that was put in, and it is propagated exactly."""
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from quantify_client.volcalc.noise import Noise, functional_std, measure_noise
+
+SHAPE = (90, 110)
+NOWHERE = np.zeros(SHAPE)
+
+
+def _correlated(rng, length, sigma):
+    blur = length / np.sqrt(2)
+    wide = rng.normal(size=(SHAPE[0] + 80, SHAPE[1] + 80))
+    field = ndimage.gaussian_filter(wide, blur)[40:-40, 40:-40]
+    return field * (sigma * 2 * np.sqrt(np.pi) * blur)
+
+
+def _tilted():
+    row, column = np.indices(SHAPE)
+    return 160.0 + 0.02 * column - 0.013 * row
+
+
+def test_independent_noise_is_found_and_no_correlation_with_it():
+    rng = np.random.default_rng(1)
+    z = _tilted() + rng.normal(0, 0.01, SHAPE)
+    noise = measure_noise(z, np.full(SHAPE, 4), z, NOWHERE)
+    assert noise.independent == pytest.approx(0.01, rel=0.06)
+    assert noise.correlated == 0
+
+
+@pytest.mark.parametrize("length", [1.5, 3.0, 5.0])
+def test_correlated_noise_is_found_with_its_length(length):
+    found = []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        z = _tilted() + _correlated(rng, length, 0.02) + rng.normal(0, 0.008, SHAPE)
+        found.append(measure_noise(z, np.full(SHAPE, 4), z, NOWHERE))
+    # What matters for a volume is the product: the standard deviation of a large mean.
+    product = np.mean([noise.correlated * noise.length for noise in found])
+    assert product == pytest.approx(0.02 * length, rel=0.25)
+    assert np.mean([noise.independent for noise in found]) == pytest.approx(0.008, rel=0.25)
+
+
+def test_the_shape_of_a_cone_is_not_noise():
+    rng = np.random.default_rng(3)
+    row, column = np.indices(SHAPE)
+    distance = np.hypot(row - 45, column - 55)
+    z = 160.0 + np.maximum(0, 3 - 0.15 * distance) + rng.normal(0, 0.01, SHAPE)
+    inside = (distance < 22).astype(float)
+    noise = measure_noise(z, np.full(SHAPE, 4), z, inside)
+    assert noise.independent == pytest.approx(0.01, rel=0.12)
+    assert noise.correlated == 0
+
+
+def test_points_by_chance_on_a_slope_count_as_slope_over_root_of_12_n():
+    row, column = np.indices(SHAPE)
+    z = 160.0 + 0.6 * column
+    noise = measure_noise(z, np.full(SHAPE, 9), z, NOWHERE)
+    np.testing.assert_allclose(noise.cell, 0.6 / np.sqrt(12 * 9), rtol=1e-6)
+
+
+def test_independent_noise_adds_as_root_sum_of_squares():
+    weights = np.zeros((40, 50))
+    weights[10:20, 10:30] = 0.04
+    noise = Noise(0.01, 0.0, 1.0, np.full((40, 50), 0.01))
+    assert functional_std(weights, noise) == pytest.approx(0.04 * 0.01 * np.sqrt(200))
+
+
+def test_correlated_noise_adds_by_its_covariance():
+    rng = np.random.default_rng(0)
+    weights = rng.uniform(0, 1, (14, 17))
+    row, column = np.indices(weights.shape)
+    square = (row.ravel()[:, None] - row.ravel()) ** 2
+    square += (column.ravel()[:, None] - column.ravel()) ** 2
+    covariance = 0.02**2 * np.exp(-square / (2 * 2.5**2))
+    exact = np.sqrt(weights.ravel() @ covariance @ weights.ravel())
+    noise = Noise(0.0, 0.02, 2.5, np.zeros(weights.shape))
+    assert functional_std(weights, noise) == pytest.approx(exact, rel=1e-3)
+
+
+def test_large_windows_are_summed_in_blocks_to_the_same_result():
+    weights = np.zeros((400, 390))
+    weights[50:350, 40:340] = 0.01
+    noise = Noise(0.0, 0.02, 6.0, np.zeros(weights.shape))
+    # Far inside, the mean over an area A is off by sigma * sqrt(2 pi) * length / sqrt(A).
+    exact = 0.02 * np.sqrt(2 * np.pi) * 6.0 * 0.01 * 300
+    assert functional_std(weights, noise) == pytest.approx(exact, rel=0.03)
+
+
+def test_nothing_known_is_no_noise():
+    z = np.full((30, 30), np.nan)
+    noise = measure_noise(z, np.zeros((30, 30), dtype=int), z, np.zeros((30, 30)))
+    assert noise.independent == 0
+    assert not noise.cell.any()
