@@ -7,6 +7,7 @@ import json
 import math
 import os
 import sys
+import traceback
 from contextlib import contextmanager
 from importlib import resources
 from pathlib import Path
@@ -17,7 +18,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from .errors import QuantifyError, UsageError
 from .pipeline import describe, measure
-from .report import print_table, to_json, write_report
+from .report import print_table, require_writable, to_json, write_report
+from .report.words import printable
 from .types import AreaFailure, Measurement
 
 __all__ = ["main"]
@@ -30,13 +32,14 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
         status: int = given.run(given)
         # What is left in the buffer may still meet a closed pipe.
         sys.stdout.flush()
+    except SystemExit as end:  # argparse has said what is wrong, or has printed the help
+        return int(end.code or 0)
     except UsageError as error:
         return _complain(error, 2)
     except QuantifyError as error:
         return _complain(error, 1)
     except KeyboardInterrupt:
-        print("quantify-client: interrupted; nothing was written", file=sys.stderr)
-        return 130
+        return _complain("interrupted; no file is half written", 130)
     except BrokenPipeError:
         # The reader (head, less) has gone: nobody is left to tell.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -45,11 +48,20 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
         return _complain("there is not enough memory; measure fewer areas or a thinned cloud", 1)
     except OSError as error:
         return _complain(f"{error.filename or 'a file'}: {error.strerror or error}", 1)
+    except Exception as fault:
+        return _complain(_as_bug(fault), 1)
     return status
 
 
+def _as_bug(fault: Exception) -> str:
+    """Say in one line what a report of the bug needs."""
+    last = traceback.extract_tb(fault.__traceback__)[-1]
+    place = f"{Path(last.filename).name}, line {last.lineno}"
+    return f"this is a bug ({type(fault).__name__}: {fault}; {place}); please report it"
+
+
 def _complain(error: object, status: int) -> int:
-    line = " ".join(str(error).split())
+    line = " ".join(printable(error).split())
     print(f"quantify-client: error: {line}", file=sys.stderr)
     return status
 
@@ -103,7 +115,9 @@ def _add_measuring(parser: argparse.ArgumentParser) -> None:
     add("--grid", action="store_true", help="no grid-to-ground correction")
     add("--source-unit", choices=("m", "ft", "us-ft"), help="for a cloud that does not say")
     add("--density", type=_density, metavar="T_PER_M3[:SIGMA]", help="adds tonnes")
-    add("--threads", type=_threads, default=0, metavar="N", help="default: the processor's, up to 4")
+    add(
+        "--threads", type=_threads, default=0, metavar="N", help="default: the processor's, up to 4"
+    )
 
 
 def _add_output(parser: argparse.ArgumentParser) -> None:
@@ -156,6 +170,7 @@ def _checked(kind: Callable[[str], Any], text: str, expected: str) -> Any:
 
 def _volume(given: argparse.Namespace) -> int:
     density, sigma = given.density or (None, 0.0)
+    _require_out(given)
     with _progress() as progress:
         measurement = measure(
             *given.sources,
@@ -176,6 +191,12 @@ def _volume(given: argparse.Namespace) -> int:
     return _deliver(measurement, given)
 
 
+def _require_out(given: argparse.Namespace) -> None:
+    """Find out before a long measurement, not after it, that the report has no place to go."""
+    if given.out is not None:
+        require_writable(given.out)
+
+
 def _deliver(measurement: Measurement, given: argparse.Namespace) -> int:
     """Write the files, print the results, and say in the exit status whether all are there."""
     written = []
@@ -192,7 +213,7 @@ def _deliver(measurement: Measurement, given: argparse.Namespace) -> int:
         print_table(measurement, Console(), units=given.units)
         for path in written:
             if path.name == "report.html":
-                print(f"Report: {path}")
+                print(f"Report: {printable(path)}")
     for result in measurement.results:
         if isinstance(result, AreaFailure):
             _complain(f"{result.name}: {result.error}", 1)
@@ -212,15 +233,18 @@ def _info(given: argparse.Namespace) -> int:
             value = ", ".join(f"{k} {v:.3f}" for k, v in value.items())
         elif isinstance(value, (list, tuple)):
             value = "; ".join(value) or "none"
-        console.print(f"{key:>15}  {value}", markup=False, highlight=False)
+        console.print(f"{key:>15}  {printable(value)}", markup=False, highlight=False)
     return 0
 
 
 def _demo(given: argparse.Namespace) -> int:
+    _require_out(given)
     folder = resources.files("quantify_client") / "demo"
-    with resources.as_file(folder / "brighton_beach.laz") as cloud, resources.as_file(
-        folder / "areas.geojson"
-    ) as areas, _progress() as progress:
+    with (
+        resources.as_file(folder / "brighton_beach.laz") as cloud,
+        resources.as_file(folder / "areas.geojson") as areas,
+        _progress() as progress,
+    ):
         measurement = measure(cloud, progress=progress, area=areas)
     return _deliver(measurement, given)
 

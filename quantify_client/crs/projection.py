@@ -16,8 +16,8 @@ from typing import Any, Dict, Optional, Tuple
 
 import numpy as np
 from pyproj import CRS, Transformer, network
-from pyproj.crs import BoundCRS, ProjectedCRS
 from pyproj.crs.coordinate_operation import UTMConversion
+from pyproj.crs.crs import BoundCRS, ProjectedCRS
 from pyproj.exceptions import ProjError
 
 from ..errors import CrsError

@@ -7,6 +7,6 @@ from __future__ import annotations
 
 from .jsonout import to_json
 from .table import print_table
-from .write import write_report
+from .write import require_writable, write_report
 
-__all__ = ["print_table", "to_json", "write_report"]
+__all__ = ["print_table", "require_writable", "to_json", "write_report"]

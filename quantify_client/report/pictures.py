@@ -19,6 +19,7 @@ from .plan import (
     draw_plan,
     draw_scale_bar,
     draw_section_line,
+    drawn_path,
     frame_view,
     label_coordinates,
     outline,
@@ -26,7 +27,7 @@ from .plan import (
 )
 from .profile import draw_profile
 from .section import draw_section, section_of
-from .shading import coarse, height_limit, paint
+from .shading import Ground, coarse, height_limit, paint
 from .units import NOTHING, Units
 from .words import is_terrain, volume_word
 
@@ -161,14 +162,8 @@ def _overview(drawn: List[AreaResult], measurement: Measurement, units: Units) -
     axes.set_facecolor(PAPER)
     grounds = [coarse(relief, _cells_shown(relief, view)) for relief in reliefs]
     limit = max(height_limit(ground.above_base_m) for ground in grounds)
-    for ground in grounds:
-        axes.imshow(
-            paint(ground, limit),
-            origin="lower",
-            extent=ground.extent,
-            interpolation="antialiased",
-            interpolation_stage="rgba",
-        )
+    for ground, polygon in zip(grounds, polygons):
+        _show(axes, ground, polygon, limit)
     for result, polygon in zip(drawn, polygons):
         outline(axes, polygon)
         _name(axes, polygon, drawable(result.name, 24), len(drawn))
@@ -181,6 +176,21 @@ def _overview(drawn: List[AreaResult], measurement: Measurement, units: Units) -
     )
     figure.text(0.03, 1 - 0.32 / figure_high, "All areas", size=17, weight="bold", va="center")
     return figure
+
+
+def _show(axes: Any, ground: Ground, polygon: Any, limit: float) -> None:
+    """Draw a relief below all areas, and its own area above the ground round its neighbours."""
+    for order, clip in ((0.0, None), (0.1, drawn_path(polygon))):
+        image = axes.imshow(
+            paint(ground, limit),
+            origin="lower",
+            extent=ground.extent,
+            interpolation="antialiased",
+            interpolation_stage="rgba",
+            zorder=order,
+        )
+        if clip is not None:
+            image.set_clip_path(clip, axes.transData)
 
 
 def _overview_size(view: View) -> Tuple[float, float, float]:

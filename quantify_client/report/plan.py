@@ -16,7 +16,7 @@ from .section import Section
 from .shading import Ground, block_mean, enlarge, interpolated, paint
 from .units import Units
 
-__all__ = ["View", "draw_colour_bar", "draw_plan", "outline", "view_of"]
+__all__ = ["View", "draw_colour_bar", "draw_plan", "drawn_path", "outline", "view_of"]
 
 View = Tuple[float, float, float, float]  # west, east, south, north
 
@@ -116,6 +116,13 @@ def contour_levels(slices: List[Slice], above_base_m: FloatArray) -> List[float]
 
 def outline(axes: Any, polygon: Any, colour: str = BASE) -> None:
     """Draw all rings of a polygon, holes included, dark on a light halo."""
+    path = drawn_path(polygon)
+    for colour_, width in (("white", 3.4), (colour, 1.6)):
+        axes.add_patch(PathPatch(path, fill=False, edgecolor=colour_, linewidth=width))
+
+
+def drawn_path(polygon: Any) -> DrawnPath:
+    """Return all rings of a polygon as one path."""
     vertices: List[Any] = []
     codes: List[Any] = []
     for part in shapely.get_parts(polygon):
@@ -123,9 +130,7 @@ def outline(axes: Any, polygon: Any, colour: str = BASE) -> None:
             xy = np.asarray(ring.coords)[:, :2]
             vertices.extend(xy)
             codes += [DrawnPath.MOVETO] + [DrawnPath.LINETO] * (len(xy) - 2) + [DrawnPath.CLOSEPOLY]
-    path = DrawnPath(np.asarray(vertices), codes)
-    for colour_, width in (("white", 3.4), (colour, 1.6)):
-        axes.add_patch(PathPatch(path, fill=False, edgecolor=colour_, linewidth=width))
+    return DrawnPath(np.asarray(vertices), codes)
 
 
 def label_coordinates(axes: Any, crs: Optional[str], unknown: bool) -> None:

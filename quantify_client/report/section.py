@@ -17,6 +17,7 @@ __all__ = ["Section", "draw_section", "section_of"]
 OVERSHOOT = 0.06  # the line goes on beyond the area by this share of its length
 FEWEST_SAMPLES, MOST_SAMPLES = 30, 900
 ROOM = 0.9  # exaggerated terrain takes at most this share of the height
+NARROW_IN = 3.2  # below it, label and legend need shorter words to stand side by side
 EXAGGERATIONS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 15.0, 20.0, 30.0, 50.0, 100.0)
 
 
@@ -134,7 +135,9 @@ def draw_section(axes: Any, section: Section, units: Units) -> None:
     axes.plot(along, base, color=BASE, linewidth=1.3, dashes=(5, 2.5), label="base")
     exaggeration = _set_limits(axes, along, np.concatenate([terrain, base]))
     axes.grid(axis="y")
-    axes.set_xlabel(f"distance from A, {units.length}", loc="left")
+    narrow = axes.figure.get_figwidth() * axes.get_position().width < NARROW_IN
+    words = "from A" if narrow else "distance from A"
+    axes.set_xlabel(f"{words}, {units.length}", loc="left")
     axes.set_ylabel(f"elevation, {units.length}")
     _draw_legend(axes)
     title = "Section A\u2013A\u2032"

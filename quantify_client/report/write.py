@@ -22,7 +22,7 @@ from .words import printable, slug
 if TYPE_CHECKING:
     from ..crs import Frame
 
-__all__ = ["write_report"]
+__all__ = ["require_writable", "write_report"]
 
 OUR_PICTURES = re.compile(r"(area-\d{2,}-[a-z0-9-]+|overview)\.png")
 OUR_MARK = b"tEXtSoftware\x00quantify-client"  # as pictures.py has it put into each PNG
@@ -50,12 +50,29 @@ def write_report(
     """
     shown = display_units(measurement, units)
     out = Path(out)
+    with _explaining(out), _staging(out) as staging:
+        names = _write_all(measurement, staging, frame, shown)
+        _put_in_place(staging, out, names)
+    return [out / name for name in names]
+
+
+def require_writable(out: Path) -> None:
+    """Raise OutputError when no report could be written into a folder; leave nothing behind."""
+
+    class EnoughError(Exception):
+        """Ends the staging as a failure does: folders that were made for it go away."""
+
+    with contextlib.suppress(EnoughError), _explaining(Path(out)), _staging(Path(out)):
+        raise EnoughError
+
+
+@contextlib.contextmanager
+def _explaining(out: Path) -> Iterator[None]:
+    """Turn what the system says into what the user can do."""
     try:
         if out.exists() and not out.is_dir():
             raise OutputError(f"{printable(out)} is a file, not a folder; give another --out.")
-        with _staging(out) as staging:
-            names = _write_all(measurement, staging, frame, shown)
-            _put_in_place(staging, out, names)
+        yield
     except OutputError:
         raise
     except OSError as error:
@@ -63,7 +80,6 @@ def write_report(
             f"The report cannot be written into {printable(out)}: {error.strerror or error}; "
             "what was there is unchanged. Make room or give another --out."
         ) from error
-    return [out / name for name in names]
 
 
 @contextlib.contextmanager

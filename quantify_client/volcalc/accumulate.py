@@ -6,11 +6,13 @@ import math
 from dataclasses import dataclass
 from typing import Sequence
 
+import numpy as np
+
 from ..types import FloatArray, IntArray, Window
 from .grid import CellWindow, Grid, nice_cell
 from .heights import MARGIN
 from .surface import HeightHistogram
-from .tin import PointSample
+from .tin import PointSample, best_of
 
 __all__ = ["TerrainAccumulator", "plan_windows"]
 
@@ -19,6 +21,9 @@ MAX_CELLS = 1_000_000
 
 #: Final cells are about this many point spacings wide, at the most.
 _SPACINGS_PER_CELL = 2.5
+
+#: Points that are placed at a time.
+_AT_ONCE = 32_768
 
 
 def plan_windows(
@@ -43,6 +48,17 @@ def plan_windows(
     return [CellWindow.around(w, cell, 2) for w in wide]
 
 
+def _expected(
+    windows: Sequence[CellWindow], point_count: int | None, cloud: Window | None
+) -> int | None:
+    """Return about how many points lie in the windows, at most."""
+    if point_count is None or cloud is None:
+        return point_count
+    ground = (cloud.max_x - cloud.min_x) * (cloud.max_y - cloud.min_y)
+    covered = sum(w.nx * w.ny for w in windows) * windows[0].cell ** 2
+    return math.ceil(point_count * min(1.0, covered / ground)) if ground > 0 else point_count
+
+
 @dataclass(frozen=True)
 class Reduced:
     """A chunk's share, ready to be absorbed."""
@@ -57,24 +73,42 @@ class TerrainAccumulator:
     """Heights and check points of all areas, from chunks in any order.
 
     ``reduce`` is pure and runs in any thread; ``absorb`` runs in one at a time.
+
+    Parameters
+    ----------
+    windows : from `plan_windows`.
+    point_count : of the whole cloud, None when unknown.
+    cloud : the whole cloud's box; with it the check knows how many points lie in the windows.
     """
 
-    def __init__(self, windows: Sequence[CellWindow], point_count: int | None) -> None:
+    def __init__(
+        self,
+        windows: Sequence[CellWindow],
+        point_count: int | None,
+        cloud: Window | None = None,
+    ) -> None:
         self.grid = Grid.over(windows)
         self.heights = HeightHistogram(self.grid)
-        self.sample = PointSample(self.grid, windows, point_count)
+        self.sample = PointSample(self.grid, windows, _expected(windows, point_count, cloud))
         self.seen = 0
         self.located = 0
 
     def reduce(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Reduced:
         """Return the share of some points, in metres of the measuring frame."""
-        number, kept = self.grid.locate(x, y)
-        seen = len(x)
-        if kept is not None:
-            x, y, z = x[kept], y[kept], z[kept]
-        return Reduced(
-            self.heights.reduce(number, z), self.sample.reduce(x, y, z), seen, len(number)
-        )
+        packed, candidates = [], []
+        # A few points at a time, all of whose arrays stay in the processor's cache.
+        for start in range(0, len(x), _AT_ONCE):
+            some = slice(start, start + _AT_ONCE)
+            xs, ys, zs = x[some], y[some], z[some]
+            number, kept = self.grid.locate(xs, ys)
+            if kept is not None:
+                xs, ys, zs = xs[kept], ys[kept], zs[kept]
+            packed.append(self.heights.pack(number, zs))
+            candidates.append(self.sample.candidates(xs, ys, zs))
+        together = np.concatenate([np.empty(0, dtype=np.int64), *packed])
+        sample = best_of(np.concatenate([np.empty((0, 6)), *candidates]))
+        located = len(together)
+        return Reduced(self.heights.reduce_packed(together), sample, len(x), located)
 
     def absorb(self, reduced: Reduced) -> None:
         """Add a chunk's share."""

@@ -15,6 +15,7 @@ from shapely.geometry import Polygon
 from ..types import FloatArray
 from .grid import CellWindow
 from .rim import Rim
+from .scan import scan_triangles
 
 __all__ = ["BASES", "Base", "make_base"]
 
@@ -58,9 +59,10 @@ def make_base(
     inside : (ny, nx) bool, the cells to cover.
     """
     if not isinstance(name, str):
-        level = np.where(inside, float(name), np.nan)
-        return Base(name, level, lambda weights: np.zeros(0 if rim is None else len(rim.z)))
-    assert rim is not None
+        even = np.where(inside, float(name), np.nan)
+        return Base(name, even, lambda weights: np.zeros(0 if rim is None else len(rim.z)))
+    if rim is None:
+        raise ValueError(f"the base {name!r} needs a rim")
     matrix = _RECIPES[name](rim, parts, window, inside)
     z = np.full(window.shape, np.nan)
     # Heights far above zero would lose digits in the sums of the plane.
@@ -88,7 +90,7 @@ class _Product:
 def _centres(window: CellWindow, inside: npt.NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
     """Return the middles of cells, in cells from the window's corner."""
     row, column = np.nonzero(inside)
-    return column + 0.5, row + 0.5
+    return np.asarray(column + 0.5), np.asarray(row + 0.5)
 
 
 def _in_cells(rim: Rim, window: CellWindow) -> tuple[FloatArray, FloatArray]:
@@ -103,16 +105,23 @@ def _triangulate(
     owner = _part_of(parts, window, u, v)
     rows, columns, shares = [], [], []
     for number in range(len(parts)):
-        cells = np.flatnonzero(owner == number)
         points = np.flatnonzero(rim.part == number)
+        cells = np.flatnonzero(owner == number)
         corner, share = _barycentric(
             np.column_stack([rim_u[points], rim_v[points]]),
             np.column_stack([u[cells], v[cells]]),
-            _covers(parts[number], window, u[cells], v[cells]),
+            window.shape,
         )
         rows.append(np.repeat(cells, 3))
         columns.append(points[corner].ravel())
         shares.append(share.ravel())
+    # Cells whose middle is in no part (along the rim) take the nearest rim point.
+    lost = np.flatnonzero(owner < 0)
+    if len(lost):
+        tree = cKDTree(np.column_stack([rim_u, rim_v]))
+        rows.append(lost)
+        columns.append(tree.query(np.column_stack([u[lost], v[lost]]))[1])
+        shares.append(np.ones(len(lost)))
     matrix = sparse.csr_matrix(
         (np.concatenate(shares), (np.concatenate(rows), np.concatenate(columns))),
         shape=(len(u), len(rim.z)),
@@ -120,40 +129,33 @@ def _triangulate(
     return _Product(matrix)
 
 
-def _covers(part: Polygon, window: CellWindow, u: FloatArray, v: FloatArray) -> FloatArray:
-    shapely.prepare(part)
-    x, y = window.min_x + u * window.cell, window.min_y + v * window.cell
-    return np.asarray(shapely.intersects_xy(part, x, y))
-
-
 def _part_of(
     parts: Sequence[Polygon], window: CellWindow, u: FloatArray, v: FloatArray
 ) -> npt.NDArray[np.int64]:
-    """Return for each cell the part that holds its middle, or that is nearest to it."""
-    if len(parts) == 1:
-        return np.zeros(len(u), dtype=np.int64)
+    """Return for each cell the part that holds its middle, -1 where none does."""
     x, y = window.min_x + u * window.cell, window.min_y + v * window.cell
-    tree = shapely.STRtree(parts)
-    point, part = tree.query_nearest(shapely.points(x, y), all_matches=False)
-    owner = np.zeros(len(u), dtype=np.int64)
-    owner[point] = part
+    owner = np.full(len(u), -1, dtype=np.int64)
+    for number, part in enumerate(parts):
+        # Holes do not matter to a base, and cells in them have no share in the area.
+        outer = Polygon(part.exterior)
+        shapely.prepare(outer)
+        owner[(owner < 0) & shapely.intersects_xy(outer, x, y)] = number
     return owner
 
 
 def _barycentric(
-    points: FloatArray, at: FloatArray, covered: FloatArray
+    points: FloatArray, at: FloatArray, shape: tuple[int, int]
 ) -> tuple[npt.NDArray[np.int64], FloatArray]:
-    """Return the corners (N, 3) and shares (N, 3) of the triangles around `at`.
-
-    A place outside the polygon (the middle of a rim cell) takes the nearest rim point.
-    """
+    """Return the corners (N, 3) and shares (N, 3) of the triangles around the cell middles `at`."""
     triangles = Delaunay(points)
-    simplex = np.where(covered, triangles.find_simplex(at), -1)
+    found = scan_triangles(points[triangles.simplices], shape)
+    simplex = found[(at[:, 1] - 0.5).astype(np.int64), (at[:, 0] - 0.5).astype(np.int64)]
     corner = triangles.simplices[simplex].astype(np.int64)
     transform = triangles.transform[simplex]
     two = np.einsum("nij,nj->ni", transform[:, :2], at - transform[:, 2])
     share = np.column_stack([two, 1.0 - two.sum(axis=1)])
-    # Slivers between points in line have no barycentric coordinates.
+    # Slivers between points in line have no barycentric coordinates, and rounding may put a
+    # middle on the rim outside all triangles.
     lost = (simplex < 0) | ~np.isfinite(share).all(axis=1)
     if lost.any():
         corner[lost] = cKDTree(points).query(at[lost])[1][:, None]
@@ -166,7 +168,10 @@ def _plane(
 ) -> _Product:
     rim_u, rim_v = _in_cells(rim, window)
     u, v = _centres(window, inside)
-    centre_u, centre_v = np.average(rim_u, weights=rim.length), np.average(rim_v, weights=rim.length)
+    centre_u, centre_v = (
+        np.average(rim_u, weights=rim.length),
+        np.average(rim_v, weights=rim.length),
+    )
     root = np.sqrt(rim.length)
     design = np.column_stack([np.ones(len(rim_u)), rim_u - centre_u, rim_v - centre_v])
     solve = np.linalg.pinv(design * root[:, None]) * root

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 from typing import Sequence
@@ -21,6 +22,9 @@ PAGE_MASK = PAGE - 1
 #: A point on the line between two cells belongs to the upper one even when floating point put it
 #: a hair below; this makes a shift by whole cells change nothing. In cells.
 EDGE_TOLERANCE = 1e-6
+
+#: With a smaller share of pages needed than this, points are sifted by page first.
+_SPARSE = 0.5
 
 #: Cell sizes are 1, 1.25, 2.5 or 5 times a power of ten, so that a kilometre is whole cells.
 NICE_STEPS = (1.0, 1.25, 2.5, 5.0)
@@ -99,6 +103,16 @@ class CellWindow:
         nx, ny = max(1, last_x - first_x + 1), max(1, last_y - first_y + 1)
         return cls(cell, first_x, first_y, nx, ny)
 
+    def refined(self, factor: int) -> CellWindow:
+        """Return the same rectangle in cells of which `factor` make one of these a side."""
+        return CellWindow(
+            self.cell / factor,
+            self.first_x * factor,
+            self.first_y * factor,
+            self.nx * factor,
+            self.ny * factor,
+        )
+
     def window(self) -> Window:
         """Return the rectangle on the ground."""
         return Window(
@@ -163,29 +177,55 @@ class Grid:
         number : (M,) int64
         kept : (N,) bool with M True values, or None when every point has a cell.
         """
-        column = _cell_index(x, self.cell, self.first_page_x)
-        row = _cell_index(y, self.cell, self.first_page_y)
-        rows, columns = self.pages.shape
-        # A view as unsigned turns "not negative and below the limit" into one comparison.
-        inside = column.view(np.uint64) < np.uint64(columns << PAGE_BITS)
-        inside &= row.view(np.uint64) < np.uint64(rows << PAGE_BITS)
         kept = None
-        if not inside.all():
-            column, row, kept = column[inside], row[inside], inside
-        page = self.pages[row >> PAGE_BITS, column >> PAGE_BITS].astype(np.int64)
-        if self.pages.size and self.pages.min() < 0:
+        if self._sparse:
+            wanted = self._on_pages(x, y)
+            if not wanted.all():
+                kept, x, y = wanted, x[wanted], y[wanted]
+        rows, columns = self.pages.shape
+        column, inside = _cell_index(x, self.cell, self.first_page_x, columns)
+        kept = _further(kept, inside)
+        row, inside = _cell_index(
+            y if inside is None else y[inside], self.cell, self.first_page_y, rows
+        )
+        kept = _further(kept, inside)
+        column = column if inside is None else column[inside]
+        page = (row >> PAGE_BITS) * columns
+        page += column >> PAGE_BITS
+        if self._holes:
+            page = self.pages.ravel().take(page)
             wanted = page >= 0
             if not wanted.all():
+                kept = _further(kept, wanted)
                 page, column, row = page[wanted], column[wanted], row[wanted]
-                if kept is None:
-                    kept = wanted
-                else:
-                    kept[kept] = wanted
         page <<= PAGE_BITS
         page |= row & PAGE_MASK
         page <<= PAGE_BITS
         page |= column & PAGE_MASK
-        return page, kept
+        return page.astype(np.int64), kept
+
+    @functools.cached_property
+    def _holes(self) -> bool:
+        """Whether no area needs some page."""
+        return bool(self.pages.min() < 0)
+
+    @functools.cached_property
+    def _sparse(self) -> bool:
+        """Whether so few pages are needed that points are better sifted by page first."""
+        return bool(np.count_nonzero(self.pages >= 0) < _SPARSE * self.pages.size)
+
+    def _on_pages(self, x: FloatArray, y: FloatArray) -> npt.NDArray[np.bool_]:
+        """Tell which points are on a needed page."""
+        rows, columns = self.pages.shape
+        page = _page_index(y, self.cell, self.first_page_y, rows)
+        page *= columns + 2
+        page += _page_index(x, self.cell, self.first_page_x, columns)
+        return np.asarray(self._needed.take(page))
+
+    @functools.cached_property
+    def _needed(self) -> npt.NDArray[np.bool_]:
+        """The needed pages within a border of pages that are not, flattened."""
+        return np.pad(self.pages >= 0, 1).ravel()
 
     def page_numbers(self, window: CellWindow) -> IntArray:
         """Return the numbers of the pages that hold `window`, ascending."""
@@ -208,11 +248,40 @@ class Grid:
         return column, row
 
 
-def _cell_index(values: FloatArray, cell: float, first_page: int) -> IntArray:
-    """Return the cell index of each coordinate, counted from the first page."""
+def _cell_index(
+    values: FloatArray, cell: float, first_page: int, pages: int
+) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.bool_] | None]:
+    """Return the cell index, counted from the first page, of the coordinates on some page.
+
+    The second value tells which these are, None for all.
+    """
     index = values / cell
     index -= float(first_page << PAGE_BITS) - EDGE_TOLERANCE
-    np.floor(index, out=index)
-    # Far strays would overflow the conversion; they are outside whatever the exact index is.
-    np.clip(index, -2.0, 2.0**40, out=index)
-    return index.astype(np.int64)
+    inside = None
+    limit = float(pages << PAGE_BITS)
+    if len(index) and not (index.min() >= 0.0 and index.max() < limit):
+        inside = (index >= 0.0) & (index < limit)
+        index = index[inside]
+    # Nothing is negative, so cutting off the fraction is rounding down.
+    return index.astype(np.int32), inside
+
+
+def _page_index(
+    values: FloatArray, cell: float, first_page: int, pages: int
+) -> npt.NDArray[np.int32]:
+    """Return the page of each coordinate, 1 for the first, 0 or pages + 1 beyond the ends."""
+    index = values * (1.0 / (cell * PAGE))
+    index += EDGE_TOLERANCE / PAGE + 1.0 - first_page
+    np.clip(index, 0.0, pages + 1.0, out=index)
+    return index.astype(np.int32)
+
+
+def _further(
+    kept: npt.NDArray[np.bool_] | None, inside: npt.NDArray[np.bool_] | None
+) -> npt.NDArray[np.bool_] | None:
+    """Narrow down what is kept (None: everything) to what is inside, one value for each kept."""
+    if kept is None or inside is None:
+        return inside if kept is None else kept
+    narrowed = kept.copy()
+    narrowed[kept] = inside
+    return narrowed

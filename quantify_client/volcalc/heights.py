@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage, sparse
+from scipy import ndimage
 
 from ..types import FloatArray, IntArray, Window
 from .grid import PAGE_BITS, CellWindow, Grid, coarser_factors
@@ -29,6 +29,9 @@ _LAYER_POINTS = 3
 
 #: Layers are separate when a gap of this many cells in height is between them.
 _LAYER_GAP_CELLS = 1.5
+
+#: Bins of height are numbers of this many bits, as in the voxels' own keys.
+_BIN_BITS = 22
 
 #: The membrane over gaps is solved to this share of its first residual.
 _RELAX_TOLERANCE = 1e-7
@@ -69,10 +72,11 @@ def cell_heights(voxels: Voxels, grid: Grid, bounds: Window) -> CellHeights:
     voxels : of the whole grid.
     bounds : of the area, metres.
     """
-    part = _voxels_of(voxels, grid, CellWindow.around(bounds, grid.cell, MARGIN))
-    column, row = grid.corners(part.number)
-    factor = _factor(grid.cell, column, row, part.count, bounds)
+    part = _voxels_of(voxels, grid, CellWindow.around(bounds, grid.cell, 0))
+    factor = _factor(grid.cell, *grid.corners(part.number), part.count, bounds)
     window = CellWindow.around(bounds, grid.cell * factor, MARGIN)
+    part = _voxels_of(voxels, grid, window.refined(factor))
+    column, row = grid.corners(part.number)
     column, row = column // factor - window.first_x, row // factor - window.first_y
     inside = (column >= 0) & (row >= 0) & (column < window.nx) & (row < window.ny)
     part, column, row = _select(part, inside), column[inside], row[inside]
@@ -112,8 +116,8 @@ def _factor(cell: float, column: IntArray, row: IntArray, count: IntArray, bound
         left, bottom = core.first_x // factor, core.first_y // factor
         shape = (core.ny // factor + 2, core.nx // factor + 2)
         flat = (row // factor - bottom) * shape[1] + column // factor - left
-        counts = np.bincount(flat, count, shape[0] * shape[1]).reshape(shape)
-        if _typical(counts) >= POINTS_PER_CELL:
+        counts = np.bincount(flat, count, shape[0] * shape[1]).astype(np.float64)
+        if _typical(counts.reshape(shape)) >= POINTS_PER_CELL:
             return factor
     return factors[-1]
 
@@ -133,24 +137,25 @@ def _on_surface(
     """Tell which voxels belong to the surface of their block of cells."""
     if not len(column):
         return np.zeros(0, dtype=bool)
-    occupied = len(np.unique(row * window.nx + column))
+    occupied = np.count_nonzero(np.bincount(row * window.nx + column))
     mean = voxels.count.sum() / occupied
     size = int(np.clip(np.ceil(np.sqrt(_BLOCK_POINTS / mean)), 2, 8))
-    blocks = window.nx // size + 1
-    block = (row // size) * blocks + column // size
-    order = np.lexsort((voxels.bin, block))
+    block = (row // size) * (window.nx // size + 1) + column // size
+    # Voxels of the same block and bin are treated alike, whichever comes first.
+    order = np.argsort((block << _BIN_BITS) + voxels.bin)
     block, bins, count = block[order], voxels.bin[order], voxels.count[order]
-    new_block = np.concatenate([[True], block[1:] != block[:-1]])
+    new_block = np.ones(len(order), dtype=bool)
+    np.not_equal(block[1:], block[:-1], out=new_block[1:])
     of_block = np.cumsum(new_block) - 1
-    total = np.bincount(of_block, count)
+    total: FloatArray = np.bincount(of_block, count).astype(np.float64)
     gap = _layer_gap(of_block, new_block, bins, count, total, voxels, window.cell)
     step = np.diff(bins, prepend=bins[0])
     new_layer = new_block | (step > gap[of_block])
     of_layer = np.cumsum(new_layer) - 1
     in_layer = np.bincount(of_layer, count)
     block_of_layer = of_block[new_layer]
-    largest = np.zeros(len(total))
-    np.maximum.at(largest, block_of_layer, in_layer)
+    first_layer = np.flatnonzero(new_block[new_layer])
+    largest = np.maximum.reduceat(in_layer, first_layer)
     needed = np.maximum(_LAYER_SHARE * total, _LAYER_POINTS)[block_of_layer]
     good = (in_layer >= needed) | (in_layer == largest[block_of_layer])
     kept = np.empty(len(order), dtype=bool)
@@ -234,7 +239,9 @@ def support(count: IntArray, fraction: FloatArray) -> float:
 def _typical_count(count: IntArray, inner: npt.NDArray[np.bool_]) -> FloatArray:
     """Return the mean count of the fully surrounded cells near each cell."""
     weight = ndimage.uniform_filter(inner.astype(np.float64), 31, mode="constant")
-    total = ndimage.uniform_filter(np.where(inner, count, 0).astype(np.float64), 31, mode="constant")
+    total = ndimage.uniform_filter(
+        np.where(inner, count, 0).astype(np.float64), 31, mode="constant"
+    )
     overall = count[inner].mean()
     # A few cells' worth of the overall mean steadies the local one where it has little to go on.
     prior = 5.0 / 31**2
@@ -268,45 +275,60 @@ def _relax(z: FloatArray, wanted: npt.NDArray[np.bool_]) -> None:
     """Solve Laplace's equation on the wanted cells, with the others as its boundary, in place."""
     ny, nx = z.shape
     size = int(np.count_nonzero(wanted))
-    number = np.full((ny + 2, nx + 2), -1, dtype=np.int64)
+    number = np.full((ny + 2, nx + 2), size, dtype=np.int64)
     number[1:-1, 1:-1][wanted] = np.arange(size)
-    heights = np.pad(z, 1, constant_values=np.nan)
-    degree, right = np.zeros(size), np.zeros(size)
-    rows, columns = [], []
-    for a, b in ((0, 1), (2, 1), (1, 0), (1, 2)):
-        beside = heights[a : a + ny, b : b + nx][wanted]
-        other = number[a : a + ny, b : b + nx][wanted]
-        degree += np.isfinite(beside)
-        right += np.where((other < 0) & np.isfinite(beside), beside, 0.0)
-        rows.append(np.flatnonzero(other >= 0))
-        columns.append(other[other >= 0])
-    row, column = np.concatenate(rows), np.concatenate(columns)
-    links = sparse.csr_matrix((np.ones(len(row)), (row, column)), shape=(size, size))
-    matrix = sparse.diags(degree) - links
-    start = z[wanted]
-    z[wanted] = start + _conjugate_gradients(matrix, right - matrix @ start, degree)
+    heights = np.full((ny + 2, nx + 2), np.nan)
+    heights[1:-1, 1:-1] = z
+    middle = np.flatnonzero(number < size)
+    degree, right, start = np.zeros(size), np.zeros(size), z[wanted]
+    beside = np.empty((4, size), dtype=np.int64)
+    for side, step in zip(beside, (-1, 1, -nx - 2, nx + 2)):
+        height = heights.ravel()[middle + step]
+        side[:] = number.ravel()[middle + step]
+        known = np.isfinite(height)
+        degree += known
+        # What the start leaves over: zero where a cell is the mean of its neighbours.
+        right += np.where(known, height - start, 0.0)
+    z[wanted] = start + _conjugate_gradients(beside, degree, right)
 
 
-def _conjugate_gradients(
-    matrix: sparse.csr_matrix, right: FloatArray, diagonal: FloatArray
-) -> FloatArray:
-    """Solve matrix @ x = right from zero, preconditioned by the diagonal.
+def _conjugate_gradients(beside: IntArray, degree: FloatArray, right: FloatArray) -> FloatArray:
+    """Solve degree * x - (sum of x over the neighbours) = right, from zero.
 
-    SciPy's own names its tolerance differently from one release to the next.
+    SciPy's own has matrices to build, and names its tolerance differently from one release to
+    the next.
+
+    Parameters
+    ----------
+    beside : (4, N) numbers of each unknown's neighbours, N where there is none.
+    degree : (N,) neighbours of each unknown, those with a known height among them; also the
+        preconditioner.
+    right : (N,) float64.
     """
     x = np.zeros_like(right)
     residual = right.copy()
-    direction = residual / diagonal
-    rho = float(residual @ direction)
+    inverse = 1.0 / degree
+    # The last one stays zero: the neighbour of those that have none.
+    direction = np.append(residual * inverse, 0.0)
+    rho = _dot(residual, direction[:-1])
     goal = _RELAX_TOLERANCE**2 * rho
     for _ in range(_RELAX_STEPS):
         if rho <= goal:
             break
-        image = matrix @ direction
-        step = rho / float(direction @ image)
-        x += step * direction
-        residual -= step * image
-        scaled = residual / diagonal
-        before, rho = rho, float(residual @ scaled)
-        direction = scaled + (rho / before) * direction
+        image = degree * direction[:-1]
+        for side in beside:
+            image -= direction.take(side)
+        step = rho / _dot(direction[:-1], image)
+        x += step * direction[:-1]
+        image *= step
+        residual -= image
+        scaled = residual * inverse
+        before, rho = rho, _dot(residual, scaled)
+        direction[:-1] *= rho / before
+        direction[:-1] += scaled
     return x
+
+
+def _dot(a: FloatArray, b: FloatArray) -> float:
+    """Return the sum of products without BLAS, whose threads would disturb those of the areas."""
+    return float(np.einsum("i,i->", a, b))

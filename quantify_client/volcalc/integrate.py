@@ -48,7 +48,19 @@ def above_mask(r: FloatArray, a: FloatArray, sigma: FloatArray) -> npt.NDArray[n
     beside = ndimage.correlate(weight, ring, mode="constant")
     # A running sum over nothing but zeros is exactly zero, so an isolated cell decides for itself.
     doubtful = (np.abs(np.nan_to_num(r)) < _SURE * sigma) & (beside > 0) & (total != 0)
-    return np.asarray(np.where(doubtful, total > 0, np.nan_to_num(r) > 0))
+    above = np.asarray(np.where(doubtful, total > 0, np.nan_to_num(r) > 0))
+    return _with_right_sums(above, doubtful, np.nan_to_num(r) * weight)
+
+
+def _with_right_sums(
+    above: npt.NDArray[np.bool_], doubtful: npt.NDArray[np.bool_], volume: FloatArray
+) -> npt.NDArray[np.bool_]:
+    """Give a side's doubtful cells to the other where they make cut or fill negative."""
+    for side in (True, False):
+        total = float(volume[above == side].sum())
+        if (total < 0) if side else (total > 0):
+            above = np.asarray(np.where(doubtful & (above == side), not side, above))
+    return above
 
 
 def slab_edges(
@@ -77,12 +89,13 @@ def slab_edges(
         return np.sort(np.append(edges, 0.0))
     height = slice_height or _round_height(span / _AUTO_SLICES)
     first, last = math.floor(lowest / height + 1e-9), math.ceil(highest / height - 1e-9)
+    last = max(last, first + 1)  # level ground but for rounding
     if last - first > MAX_SLICES:
         raise InputError(
             f"slices of {height:g} m over {span:g} m would be {last - first} of them, more than "
             f"{MAX_SLICES}; give a larger --slice-height"
         )
-    return np.arange(first, last + 1) * height
+    return np.asarray(np.arange(first, last + 1) * height)
 
 
 def _round_height(at_least: float) -> float:

@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 import shapely
 from scipy import ndimage
 from shapely.geometry import MultiPolygon, Polygon
 
 from ..errors import SupportError
-from ..types import Window
+from ..types import FloatArray, IntArray, Window
 from .grid import Grid
 from .heights import cell_heights
 from .surface import Voxels
 
-__all__ = ["cloud_outline"]
+__all__ = ["cloud_outline", "core_window", "typical_height"]
 
 #: Gaps in the outline up to twice this many cells are closed.
 _CLOSING = 2
+
+#: The core of a cloud is where all but this share of the points lie, along x and along y, and as
+#: much again on each side.
+_FRINGE = 0.001
 
 #: Islands smaller than this share of the largest are left out.
 _LEAST_ISLAND = 0.02
@@ -51,7 +56,46 @@ def cloud_outline(voxels: Voxels, grid: Grid, bounds: Window) -> Polygon | Multi
     return shapely.union_all(boxes)
 
 
-def _runs(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # type: ignore[type-arg]
+def core_window(voxels: Voxels, grid: Grid) -> Window:
+    """Return the box of the occupied cells, without those far from where nearly all points are.
+
+    A single point a thousand kilometres away makes the box of all points, and with it the cells,
+    useless.
+    """
+    column, row = grid.corners(voxels.number)
+    sides = [_core(index, voxels.count) for index in (column, row)]
+    inside = np.ones(len(column), dtype=bool)
+    for index, (low, high) in zip((column, row), sides):
+        inside &= (index >= low) & (index <= high)
+    column, row = column[inside], row[inside]
+    return Window(
+        float(column.min() * grid.cell),
+        float(row.min() * grid.cell),
+        float((column.max() + 1) * grid.cell),
+        float((row.max() + 1) * grid.cell),
+    )
+
+
+def typical_height(voxels: Voxels) -> float:
+    """Return the median height, to half a streaming cell; 0 without points."""
+    if not len(voxels.bin):
+        return 0.0
+    order = np.argsort(voxels.bin, kind="stable")
+    running = np.cumsum(voxels.count[order])
+    middle = voxels.bin[order][np.searchsorted(running, running[-1] / 2)]
+    return float(middle * voxels.bin_quanta * voxels.quantum)
+
+
+def _core(index: IntArray, count: IntArray) -> tuple[float, float]:
+    """Return the limits of the core along one axis, in cells."""
+    order = np.argsort(index, kind="stable")
+    running: FloatArray = np.cumsum(count[order]) / count.sum()
+    low, high = index[order][np.searchsorted(running, [_FRINGE, 1 - _FRINGE])].tolist()
+    room = high - low + 1
+    return low - room, high + room
+
+
+def _runs(mask: npt.NDArray[np.bool_]) -> tuple[IntArray, IntArray, IntArray]:
     """Return row, first and past-the-end column of each horizontal run."""
     step = np.diff(np.pad(mask.astype(np.int8), ((0, 0), (1, 1))), axis=1)
     rows, starts = np.nonzero(step == 1)

@@ -1,4 +1,4 @@
-"""The rim of an area: points along its outer rings, each with a robust height of the ground there."""
+"""The rim of an area: points along its outer rings, each with a robust height of the ground."""
 
 from __future__ import annotations
 
@@ -79,7 +79,8 @@ def sample_rim(parts: Sequence[Polygon], heights: CellHeights, fraction: FloatAr
     weights, found = _local_planes(x, y, heights, fraction)
     if not found.any():
         return None
-    weights = interpolation_along(found, ring) @ weights
+    if not found.all():
+        weights = interpolation_along(found, ring) @ weights
     z = np.where(np.isfinite(heights.z), heights.z, 0.0).ravel()
     return Rim(x, y, weights @ z, np.concatenate(lengths), ring, weights, float(found.mean()))
 
@@ -109,10 +110,13 @@ def _missing_segments(points: FloatArray) -> npt.NDArray[np.bool_]:
     if n < 4:
         return np.zeros(n, dtype=bool)
     triangles = Delaunay(points).simplices
-    sides = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-    sides = np.sort(sides, axis=1)
-    ends = np.sort(np.stack([np.arange(n), np.roll(np.arange(n), -1)], axis=1), axis=1)
-    return ~np.isin(ends[:, 0] * n + ends[:, 1], sides[:, 0] * n + sides[:, 1])
+    missing = np.ones(n, dtype=bool)
+    for start, end in ((0, 1), (1, 2), (2, 0)):
+        low = np.minimum(triangles[:, start], triangles[:, end])
+        high = np.maximum(triangles[:, start], triangles[:, end])
+        missing[low[high - low == 1]] = False
+        missing[high[high - low == n - 1]] = False
+    return missing
 
 
 def _local_planes(
@@ -120,69 +124,110 @@ def _local_planes(
 ) -> tuple[sparse.csr_matrix, npt.NDArray[np.bool_]]:
     """Return each rim point's height as weights of cells, and which points have one."""
     window = heights.window
+    down, right = _STENCIL
+    u = (x - window.min_x) / window.cell - 0.5
+    v = (y - window.min_y) / window.cell - 0.5
+    middle_u, middle_v = np.rint(u), np.rint(v)
+    column = middle_u.astype(np.int64)[:, None] + right
+    row = middle_v.astype(np.int64)[:, None] + down
+    usable = (column >= 0) & (column < window.nx) & (row >= 0) & (row < window.ny)
+    flat = np.where(usable, row * window.nx + column, 0)
+    off_u, off_v = u - middle_u, v - middle_v
+    usable &= (right - off_u[:, None]) ** 2 + (down - off_v[:, None]) ** 2 <= _RADIUS_CELLS**2
+    usable &= heights.count.ravel()[flat] > 0
+    outside = usable & (fraction.ravel()[flat] < 0.5)
+    alone = outside.sum(axis=1) >= _ENOUGH_OUTSIDE
+    usable = np.asarray(np.where(alone[:, None], outside, usable))
+    height = np.where(usable, heights.z.ravel()[flat], 0.0)
+    share = _robust_plane_at(off_u, off_v, height, usable)
+    filled = share != 0
+    start = np.concatenate([[0], np.cumsum(filled.sum(axis=1))])
+    weights = sparse.csr_matrix(
+        (share[filled], flat[filled], start), shape=(len(x), window.nx * window.ny)
+    )
+    return weights, np.asarray(usable.any(axis=1))
+
+
+def _stencil() -> tuple[IntArray, IntArray]:
+    """Return the rows and columns, from a cell, of all that are near some place in it."""
     reach = int(np.ceil(_RADIUS_CELLS))
     offset = np.arange(-reach, reach + 1)
     down, right = (grid.ravel() for grid in np.meshgrid(offset, offset, indexing="ij"))
-    u = (x - window.min_x) / window.cell - 0.5
-    v = (y - window.min_y) / window.cell - 0.5
-    column = np.rint(u).astype(np.int64)[:, None] + right
-    row = np.rint(v).astype(np.int64)[:, None] + down
-    inside = (column >= 0) & (column < window.nx) & (row >= 0) & (row < window.ny)
-    flat = np.where(inside, row * window.nx + column, 0)
-    du, dv = column - u[:, None], row - v[:, None]
-    usable = inside & (du**2 + dv**2 <= _RADIUS_CELLS**2) & (heights.count.ravel()[flat] > 0)
-    outside = usable & (fraction.ravel()[flat] < 0.5)
-    alone = outside.sum(axis=1) >= _ENOUGH_OUTSIDE
-    usable = np.where(alone[:, None], outside, usable)
-    height = np.where(usable, heights.z.ravel()[flat], 0.0)
-    share = _robust_plane_at_zero(du, dv, height, usable.astype(np.float64))
-    found = usable.any(axis=1)
-    m, k = flat.shape
-    at = np.repeat(np.arange(m), k)
-    weights = sparse.csr_matrix(
-        (share.ravel(), (at, flat.ravel())), shape=(m, window.nx * window.ny)
-    )
-    weights.eliminate_zeros()
-    return weights, found
+    least = np.maximum(np.abs(down) - 0.5, 0) ** 2 + np.maximum(np.abs(right) - 0.5, 0) ** 2
+    near = least <= _RADIUS_CELLS**2
+    return down[near], right[near]
 
 
-def _robust_plane_at_zero(
-    u: FloatArray, v: FloatArray, height: FloatArray, usable: FloatArray
+_STENCIL = _stencil()
+
+#: (K, 6) 1, u, v, u u, u v, v v of the stencil: what the sums of all planes have in common.
+_POWERS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+_TERMS = np.stack([_STENCIL[0] ** i * _STENCIL[1] ** j * 1.0 for j, i in _POWERS], axis=1)
+
+
+def _robust_plane_at(
+    u: FloatArray, v: FloatArray, height: FloatArray, usable: npt.NDArray[np.bool_]
 ) -> FloatArray:
-    """Return the weights that give each row's plane at (0, 0) from its heights.
+    """Return the weights that give each row's plane at its place (u, v) from its heights.
 
     Iteratively reweighted least squares; the slopes are held a little (as by one tenth of a
     point a cell away) so that few or aligned cells give a level plane instead of a wild one.
+
+    Parameters
+    ----------
+    u, v : (M,) places, in cells from the stencil's middle.
+    height : (M, K) of the stencil's cells, 0 where not usable.
+    usable : (M, K) bool.
     """
-    weight = usable
-    design = np.stack([np.ones_like(u), u, v], axis=2)
-    share = np.zeros_like(u)
-    for _ in range(_ROUNDS):
-        normal = np.einsum("mki,mk,mkj->mij", design, weight, design)
-        normal[:, 0, 0] += 1e-12
-        normal[:, 1, 1] += 0.1
-        normal[:, 2, 2] += 0.1
-        first = np.linalg.solve(normal, np.broadcast_to(np.eye(3)[:, :1], (len(u), 3, 1)))[..., 0]
-        share = np.einsum("mi,mki,mk->mk", first, design, weight)
-        moment = np.einsum("mki,mk,mk->mi", design, weight, height)
-        plane = np.linalg.solve(normal, moment[..., None])[..., 0]
-        residual = np.abs(height - np.einsum("mki,mi->mk", design, plane))
-        scale = 1.4826 * _masked_median(residual, usable > 0)
-        limit = np.maximum(_TUKEY * scale, 1e-9)[:, None]
-        weight = usable * np.clip(1.0 - (residual / limit) ** 2, 0.0, None) ** 2
+    count = usable.sum(axis=1)
+    level = (height.sum(axis=1) / np.maximum(count, 1))[:, None]
+    height = np.where(usable, height - level, 0.0)
+    weight = usable.astype(np.float64)
+    for turn in range(_ROUNDS):
+        inverse = _inverse_normal(weight @ _TERMS, u, v)
+        share = weight * (_about(inverse[:, 0], u, v) @ _TERMS[:, :3].T)
+        if turn == _ROUNDS - 1:
+            break
+        moment = (weight * height) @ _TERMS[:, :3]
+        moment[:, 1] -= u * moment[:, 0]
+        moment[:, 2] -= v * moment[:, 0]
+        plane = np.einsum("mij,mj->mi", inverse, moment)
+        residual = np.abs(height - _about(plane, u, v) @ _TERMS[:, :3].T)
+        residual[~usable] = np.inf
+        limit = np.maximum(_TUKEY * 1.4826 * _row_median(residual, count), 1e-9)[:, None]
+        weight = np.clip(1.0 - (residual / limit) ** 2, 0.0, None) ** 2
     total = share.sum(axis=1, keepdims=True)
     # The held slopes leave the sum a hair below one; heights have a large common part.
-    return np.divide(share, total, out=np.zeros_like(share), where=np.abs(total) > 0.5)
+    return np.asarray(np.divide(share, total, out=np.zeros_like(share), where=np.abs(total) > 0.5))
 
 
-def _masked_median(values: FloatArray, mask: npt.NDArray[np.bool_]) -> FloatArray:
-    """Return each row's median over its mask; 0 for an empty row."""
-    ordered = np.sort(np.where(mask, values, np.inf), axis=1)
-    count = mask.sum(axis=1)
+def _about(plane: FloatArray, u: FloatArray, v: FloatArray) -> FloatArray:
+    """Return planes a + b (x - u) + c (y - v) as coefficients of 1, x, y."""
+    level = plane[:, 0] - plane[:, 1] * u - plane[:, 2] * v
+    return np.column_stack([level, plane[:, 1], plane[:, 2]])
+
+
+def _inverse_normal(sums: FloatArray, u: FloatArray, v: FloatArray) -> FloatArray:
+    """Return the inverses (M, 3, 3) of the normal matrices, from the sums of the six terms."""
+    s, su, sv, suu, suv, svv = sums.T
+    normal = np.empty((len(s), 3, 3))
+    normal[:, 0, 0] = s + 1e-12
+    normal[:, 0, 1] = normal[:, 1, 0] = su - u * s
+    normal[:, 0, 2] = normal[:, 2, 0] = sv - v * s
+    normal[:, 1, 1] = suu - 2 * u * su + u * u * s + 0.1
+    normal[:, 1, 2] = normal[:, 2, 1] = suv - u * sv - v * su + u * v * s
+    normal[:, 2, 2] = svv - 2 * v * sv + v * v * s + 0.1
+    return np.asarray(np.linalg.inv(normal), dtype=np.float64)
+
+
+def _row_median(values: FloatArray, count: IntArray) -> FloatArray:
+    """Return each row's median over its `count` finite values; 0 for an empty row."""
+    ordered = np.sort(values, axis=1)
     rows = np.arange(len(values))
     low = ordered[rows, np.maximum((count - 1) // 2, 0)]
     high = ordered[rows, np.minimum(count // 2, values.shape[1] - 1)]
-    return np.where(count > 0, (low + np.where(count > 0, high, low)) / 2, 0.0)
+    some = count > 0
+    return np.where(some, (np.where(some, low, 0.0) + np.where(some, high, 0.0)) / 2, 0.0)
 
 
 def interpolation_along(keep: npt.NDArray[np.bool_], ring: IntArray) -> sparse.csr_matrix:

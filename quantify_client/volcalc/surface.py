@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from ..types import FloatArray, IntArray
 from .grid import Grid
@@ -76,11 +77,14 @@ class HeightHistogram:
 
     def reduce(self, number: IntArray, z: FloatArray) -> tuple[IntArray, IntArray]:
         """Return the voxels of some points as sorted keys and packed values."""
-        if not len(number):
-            return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
+        return self.reduce_packed(self.pack(number, z))
+
+    def pack(self, number: IntArray, z: FloatArray) -> IntArray:
+        """Return one sortable number for each point, from its cell number and height."""
         half = self.bin_quanta // 2
         limit = float((_BIN_ZERO - 2) * self.bin_quanta)
-        quanta = np.rint(z / self.quantum)
+        quanta = z / self.quantum
+        np.rint(quanta, out=quanta)
         # Absurd heights stay in the end bins, where they are found to be strays.
         np.clip(quanta, -limit, limit, out=quanta)
         height = quanta.astype(np.int64)
@@ -90,9 +94,17 @@ class HeightHistogram:
         packed |= number << _BIN_BITS
         packed <<= _REST_BITS
         packed |= height
+        return packed
+
+    def reduce_packed(self, packed: IntArray) -> tuple[IntArray, IntArray]:
+        """Return the voxels of points from `pack`, which are overwritten."""
+        if not len(packed):
+            return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
         packed.sort()
         key = packed >> _REST_BITS
-        start = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]))
+        first = np.ones(len(key), dtype=bool)
+        np.not_equal(key[1:], key[:-1], out=first[1:])
+        start = np.flatnonzero(first)
         packed &= _REST_MASK
         # The count rides in the upper bits, so that one sum gives both.
         packed += 1 << _SUM_BITS
@@ -124,18 +136,32 @@ class HeightHistogram:
         count = self._values >> _SUM_BITS
         inside = self._values & _SUM_MASK
         total = inside + count * (bins * self.bin_quanta - self.bin_quanta // 2)
-        return Voxels(
-            self._keys >> _BIN_BITS, bins, count, total, self.quantum, self.bin_quanta
-        )
+        return Voxels(self._keys >> _BIN_BITS, bins, count, total, self.quantum, self.bin_quanta)
 
     def _settle(self) -> None:
         """Merge the queue into the sorted voxels."""
         if not self._pending:
             return
-        keys = np.concatenate([self._keys, *(k for k, _ in self._pending)])
-        values = np.concatenate([self._values, *(v for _, v in self._pending)])
+        keys = np.concatenate([k for k, _ in self._pending])
+        values = np.concatenate([v for _, v in self._pending])
         self._pending = []
-        order = np.argsort(keys, kind="stable")
+        order = np.argsort(keys)
         keys, values = keys[order], values[order]
-        start = np.flatnonzero(np.concatenate([[True], keys[1:] != keys[:-1]]))
-        self._keys, self._values = keys[start], np.add.reduceat(values, start)
+        first = np.ones(len(keys), dtype=bool)
+        np.not_equal(keys[1:], keys[:-1], out=first[1:])
+        start = np.flatnonzero(first)
+        keys, values = keys[start], np.add.reduceat(values, start)
+        # Only unknown keys wait, so there is a place of its own for each among the known ones.
+        place = np.searchsorted(self._keys, keys) + np.arange(len(keys))
+        old = np.ones(len(self._keys) + len(keys), dtype=bool)
+        old[place] = False
+        self._keys = _interleaved(self._keys, keys, old)
+        self._values = _interleaved(self._values, values, old)
+
+
+def _interleaved(known: IntArray, new: IntArray, old: npt.NDArray[np.bool_]) -> IntArray:
+    """Return the known values where `old`, the new ones elsewhere."""
+    both = np.empty(len(old), dtype=np.int64)
+    both[old] = known
+    both[~old] = new
+    return both

@@ -16,10 +16,13 @@ from .grid import CellWindow, Grid
 from .heights import CellHeights
 from .rim import Rim
 
-__all__ = ["PointSample", "tin_integral"]
+__all__ = ["PointSample", "best_of", "tin_integral"]
 
 #: Real points kept over all areas together; an area never has more.
 MAX_POINTS = 120_000
+
+#: From this many areas on, half as many do.
+_MANY = 10
 
 #: Points looked at per kept one; more would only cost time.
 _CANDIDATES = 4.0
@@ -32,13 +35,19 @@ class PointSample:
     """One real point per check cell, mergeable in any order: the one nearest to the cell's spot.
 
     Of dense clouds only points near the spots are looked at.
+
+    Parameters
+    ----------
+    windows : of streaming cells; many of them (areas) get fewer points together than few.
+    point_count : points expected in the windows, None when unknown.
     """
 
     def __init__(self, grid: Grid, windows: Sequence[CellWindow], point_count: int | None) -> None:
         self.grid = grid
+        most = MAX_POINTS if len(windows) < _MANY else MAX_POINTS // 2
         cells = sum(w.nx * w.ny for w in windows)
-        self.size = grid.cell * max(1, math.ceil(math.sqrt(cells / MAX_POINTS)))
-        ground = sum(w.nx * w.ny for w in windows) * (grid.cell / self.size) ** 2
+        self.size = grid.cell * max(1, math.ceil(math.sqrt(cells / most)))
+        ground = cells * (grid.cell / self.size) ** 2
         share = 1.0 if not point_count else min(1.0, _CANDIDATES * ground / point_count)
         self._half = 0.5 * math.sqrt(share)
         self._kept: list[FloatArray] = [np.empty((0, 6))]
@@ -46,15 +55,27 @@ class PointSample:
 
     def reduce(self, x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
         """Return the best candidates of some points as rows of row, column, distance, x, y, z."""
-        u, v = x / self.size, y / self.size
-        column, row = np.floor(u), np.floor(v)
-        u -= column + _SPOT[0]
-        v -= row + _SPOT[1]
+        return best_of(self.candidates(x, y, z))
+
+    def candidates(self, x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
+        """Return the points near the spots as rows of row, column, distance, x, y, z."""
+        u = x * (1.0 / self.size)
+        column = np.floor(u)
+        u -= column
+        u -= _SPOT[0]
         if self._half < 0.5:
-            near = (np.abs(u) < self._half) & (np.abs(v) < self._half)
+            # Few points are left after the first coordinate, so the second costs little.
+            near = np.flatnonzero(np.abs(u) < self._half)
+            u, column, x, y, z = u[near], column[near], x[near], y[near], z[near]
+        v = y * (1.0 / self.size)
+        row = np.floor(v)
+        v -= row
+        v -= _SPOT[1]
+        if self._half < 0.5:
+            near = np.flatnonzero(np.abs(v) < self._half)
             u, v, column, row = u[near], v[near], column[near], row[near]
             x, y, z = x[near], y[near], z[near]
-        return _best(np.column_stack([row, column, u * u + v * v, x, y, z]))
+        return np.column_stack([row, column, u * u + v * v, x, y, z])
 
     def absorb(self, rows: FloatArray) -> None:
         """Add what ``reduce`` returned."""
@@ -64,19 +85,33 @@ class PointSample:
             self.points()
 
     def points(self) -> FloatArray:
-        """Return the kept points, (K, 3) float64, ordered by cell."""
-        kept = _best(np.concatenate(self._kept))
-        self._kept, self._waiting = [kept], 0
-        return np.asarray(kept[:, 3:])
+        """Return the kept points, (K, 3) float64, ordered by cell, each column in one piece."""
+        kept = best_of(np.concatenate(self._kept))
+        self._kept, self._waiting = [kept], len(kept)
+        return np.asfortranarray(kept[:, 3:])
 
 
-def _best(rows: FloatArray) -> FloatArray:
+def best_of(rows: FloatArray) -> FloatArray:
     """Return the nearest row of each cell; the coordinates break ties, so order never does."""
-    order = np.lexsort((rows[:, 5], rows[:, 4], rows[:, 3], rows[:, 2], rows[:, 1], rows[:, 0]))
+    if not len(rows):
+        return rows
+    row, column = (rows[:, i] - rows[:, i].min() for i in (0, 1))
+    key = row * (column.max() + 1.0) + column
+    order = np.argsort(key)
+    key = key[order]
+    first = np.ones(len(key), dtype=bool)
+    np.not_equal(key[1:], key[:-1], out=first[1:])
+    of_cell = np.cumsum(first) - 1
+    distance = rows[order, 2]
+    nearest = np.minimum.reduceat(distance, np.flatnonzero(first))
+    order = order[distance == nearest[of_cell]]
     rows = rows[order]
-    first = np.ones(len(rows), dtype=bool)
-    first[1:] = np.any(rows[1:, :2] != rows[:-1, :2], axis=1)
-    return np.asarray(rows[first])
+    if len(rows) > len(nearest):
+        rows = rows[np.lexsort((rows[:, 5], rows[:, 4], rows[:, 3], rows[:, 1], rows[:, 0]))]
+        first = np.ones(len(rows), dtype=bool)
+        first[1:] = np.any(rows[1:, :2] != rows[:-1, :2], axis=1)
+        rows = rows[first]
+    return rows
 
 
 def tin_integral(
@@ -105,6 +140,7 @@ def tin_integral(
     total = 0.0
     for number, part in enumerate(parts):
         ring = rim.part == number
+        shapely.prepare(part)
         inside = shapely.contains_xy(part, nodes[:, 0], nodes[:, 1])
         total += _integrate(part, nodes[inside], np.column_stack([rim.x, rim.y, rim.z])[ring])
     return total
@@ -116,8 +152,8 @@ def _nodes(
     """Return the points of the area that are on the surface, one per cell."""
     window = heights.window
     left, bottom, right, top = geometry.bounds
-    near = (points[:, 0] >= left) & (points[:, 0] <= right)
-    near &= (points[:, 1] >= bottom) & (points[:, 1] <= top)
+    near = np.flatnonzero((points[:, 1] >= bottom) & (points[:, 1] <= top))
+    near = near[(points[near, 0] >= left) & (points[near, 0] <= right)]
     points = points[near]
     column = np.floor((points[:, 0] - window.min_x) / window.cell).astype(np.int64)
     row = np.floor((points[:, 1] - window.min_y) / window.cell).astype(np.int64)
@@ -128,9 +164,10 @@ def _nodes(
     good = points[:, 2] >= heights.low[row, column] - slack
     good &= points[:, 2] <= heights.high[row, column] + slack
     points, flat = points[good], (row * window.nx + column)[good]
-    shapely.prepare(geometry)
-    first: IntArray = np.unique(flat, return_index=True)[1]
-    return np.asarray(points[np.sort(first)])
+    chosen: IntArray = np.full(window.nx * window.ny, -1, dtype=np.int64)
+    # Backwards, so that the first point of a cell is written last.
+    chosen[flat[::-1]] = np.arange(len(flat))[::-1]
+    return np.asarray(points[np.sort(chosen[chosen >= 0])])
 
 
 def _integrate(part: Polygon, nodes: FloatArray, rim: FloatArray) -> float:
@@ -149,7 +186,7 @@ def _integrate(part: Polygon, nodes: FloatArray, rim: FloatArray) -> float:
     volume = float((area * middle[:, 2]).sum())
     for hole in part.interiors:
         volume -= _over_hole(shapely.affinity.translate(Polygon(hole), *-origin[:2]), corner)
-    return volume + origin[2] * part.area
+    return volume + float(origin[2] * part.area)
 
 
 def _over_hole(hole: Polygon, corner: FloatArray) -> float:
@@ -168,5 +205,3 @@ def _over_hole(hole: Polygon, corner: FloatArray) -> float:
     s = (p[:, 0] * b[:, 1] - p[:, 1] * b[:, 0]) / cross
     t = (a[:, 0] * p[:, 1] - a[:, 1] * p[:, 0]) / cross
     return float((area * (corner[:, 0, 2] + s * a[:, 2] + t * b[:, 2])).sum())
-
-

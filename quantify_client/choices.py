@@ -1,0 +1,83 @@
+"""Options: which contradict each other, and what they leave to be chosen."""
+
+from __future__ import annotations
+
+import math
+
+from .errors import UsageError
+from .types import Options
+from .volcalc.base import BASES
+from .volcalc.integrate import MAX_SLICES
+
+__all__ = ["check_options", "choose_shape"]
+
+_OBJECT_METHODS = ("polar",)
+
+
+def check_options(options: Options) -> Options:
+    """Return the options, or say which are out of range or contradict each other.
+
+    Raises
+    ------
+    UsageError
+        In one line, with the command line's names of the options.
+    """
+    _check_slices(options)
+    _check_base(options)
+    density, sigma = options.density, options.density_sigma
+    if density is not None and not 0 < density < math.inf:
+        raise UsageError(f"--density is {density}; give tonnes per cubic metre above 0")
+    if not 0 <= sigma < math.inf:
+        raise UsageError(f"the sigma of --density is {sigma}; give tonnes per cubic metre from 0")
+    if options.method is not None and options.method not in _OBJECT_METHODS:
+        raise UsageError(f"--method is {options.method}; this version has {_OBJECT_METHODS[0]}")
+    if options.threads < 0:
+        raise UsageError(f"--threads is {options.threads}; give a number from 1")
+    return options
+
+
+def _check_slices(options: Options) -> None:
+    slices, height = options.slices, options.slice_height
+    if slices != "auto" and height is not None:
+        raise UsageError("--slices and --slice-height exclude each other: give one of them")
+    if slices != "auto" and not (isinstance(slices, int) and 1 <= slices <= MAX_SLICES):
+        raise UsageError(f"--slices is {slices}; give auto or 1 to {MAX_SLICES}")
+    if height is not None and not 0 < height < math.inf:
+        raise UsageError(f"--slice-height is {height}; give a length above 0")
+
+
+def _check_base(options: Options) -> None:
+    base = options.base
+    if isinstance(base, str) and base not in (*BASES, "compare"):
+        names = ", ".join((*BASES, "compare"))
+        raise UsageError(f"--base is {base}; give {names} or an elevation")
+    if isinstance(base, (int, float)) and not math.isfinite(base):
+        raise UsageError(f"--base is {base}; give a finite elevation")
+
+
+def choose_shape(options: Options, *, has_crs: bool, is_odm: bool) -> str:
+    """Return ``"terrain"`` or ``"object"``: what was asked for, or what the source is.
+
+    An option that only one shape knows decides; else an area, a CRS or an ODM output means
+    terrain; else it is an object.
+
+    >>> choose_shape(Options(center_caps=True), has_crs=True, is_odm=True)
+    'object'
+    >>> choose_shape(Options(), has_crs=True, is_odm=False)
+    'terrain'
+    """
+    for_object = options.method is not None or options.center_caps
+    for_terrain = options.base is not None
+    if options.shape not in ("auto", "terrain", "object"):
+        raise UsageError(f"--shape is {options.shape}; give auto, terrain or object")
+    if for_object and (for_terrain or options.shape == "terrain"):
+        raise UsageError("--method and --center-caps go with --shape object, --base with terrain")
+    if options.shape == "object" and for_terrain:
+        raise UsageError("--base goes with --shape terrain: leave one of them out")
+    shape = options.shape
+    if shape == "auto":
+        likely_terrain = for_terrain or options.area is not None or has_crs or is_odm
+        shape = "terrain" if likely_terrain and not for_object else "object"
+    if shape == "object" and options.area is not None:
+        raise UsageError("--area goes with --shape terrain: an object is measured whole")
+    return shape

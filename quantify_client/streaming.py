@@ -1,0 +1,154 @@
+"""The one pass over the points: chunk by chunk, with few of them under way at a time."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass, field
+from typing import Any, Callable, Iterator, List, Mapping, Optional, Sequence, Set, Tuple
+
+import numpy as np
+
+from .cloud import Cloud
+from .crs import Frame
+from .errors import CloudError
+from .types import Chunk, FloatArray, Window
+from .volcalc.accumulate import TerrainAccumulator, plan_windows
+
+__all__ = ["Progress", "Streamed", "accumulate", "gather", "nothing_usable", "thread_count"]
+
+#: What a progress display is told: the stage in words, and the share that is done.
+Progress = Callable[[str, float], None]
+
+_MOST_BY_DEFAULT = 4  # threads beyond this wait for the file
+
+
+@dataclass(frozen=True)
+class Streamed:
+    """What a pass leaves: the accumulator, and the counts of points left out by reason."""
+
+    accumulator: TerrainAccumulator
+    left_out: Mapping[str, int]
+
+
+def thread_count(wanted: int) -> int:
+    """Return the number of threads to use; 0 leaves it to the processor."""
+    return wanted if wanted > 0 else min(os.cpu_count() or 1, _MOST_BY_DEFAULT)
+
+
+def accumulate(
+    cloud: Cloud,
+    frame: Frame,
+    places: Sequence[Window],
+    bounds: Window,
+    threads: int,
+    progress: Progress,
+) -> Streamed:
+    """Stream a cloud into an accumulator over some places; reading and sorting overlap.
+
+    Parameters
+    ----------
+    places : what is to be measured, in the frame.
+    bounds : of the whole cloud, in the frame.
+    """
+    count = cloud.info.point_count
+    windows = plan_windows(places, bounds, count)
+    accumulator = TerrainAccumulator(windows, count, bounds)
+    around = frame.window_to_source(_union([window.window() for window in windows]))
+    reading = _Reading(cloud, progress)
+
+    def reduce(chunk: Chunk) -> Any:
+        return accumulator.reduce(*frame.to_frame(chunk.x, chunk.y, chunk.z))
+
+    with _Workers(threads) as workers:
+        for chunk in reading.chunks(around):
+            for reduced in workers.submit(reduce, chunk):
+                accumulator.absorb(reduced)
+        for reduced in workers.rest():
+            accumulator.absorb(reduced)
+    if not accumulator.seen and reading.left_out:
+        raise nothing_usable()
+    return Streamed(accumulator, dict(reading.left_out))
+
+
+def gather(
+    cloud: Cloud, frame: Frame, progress: Progress
+) -> Tuple[FloatArray, FloatArray, FloatArray, Mapping[str, int]]:
+    """Return x, y and z of all points in the frame, and the counts of those left out."""
+    reading = _Reading(cloud, progress)
+    parts = [frame.to_frame(chunk.x, chunk.y, chunk.z) for chunk in reading.chunks()]
+    if not any(len(part[0]) for part in parts):
+        raise nothing_usable()
+    x, y, z = (np.concatenate([part[axis] for part in parts]) for axis in range(3))
+    return x, y, z, dict(reading.left_out)
+
+
+def nothing_usable() -> CloudError:
+    """Return the error of a cloud that only has points to be left out."""
+    return CloudError(
+        "every point of the cloud is noise or withheld; expected points to measure: check the "
+        "classification"
+    )
+
+
+@dataclass
+class _Reading:
+    """Counts what goes by, and tells the progress."""
+
+    cloud: Cloud
+    progress: Progress
+    left_out: Counter[str] = field(default_factory=Counter)
+
+    def chunks(self, window: Optional[Window] = None) -> Iterator[Chunk]:
+        read, total = 0, max(self.cloud.info.point_count or 1, 1)
+        for chunk in self.cloud.chunks(window):
+            self.left_out.update(chunk.left_out)
+            yield chunk
+            read += len(chunk) + sum(chunk.left_out.values())
+            self.progress("reading points", min(read / total, 1.0))
+
+
+def _union(windows: Sequence[Window]) -> Window:
+    return Window(
+        min(w.min_x for w in windows),
+        min(w.min_y for w in windows),
+        max(w.max_x for w in windows),
+        max(w.max_y for w in windows),
+    )
+
+
+class _Workers:
+    """Applies a function to chunks in threads, with few chunks under way so memory stays small."""
+
+    def __init__(self, threads: int) -> None:
+        self._pool = ThreadPoolExecutor(threads - 1) if threads > 1 else None
+        self._limit = threads
+        self._waiting: Set[Future[Any]] = set()
+
+    def __enter__(self) -> _Workers:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        if self._pool is not None:
+            for future in self._waiting:
+                future.cancel()
+            self._pool.shutdown(wait=True)
+
+    def submit(self, function: Callable[[Chunk], Any], chunk: Chunk) -> Iterator[Any]:
+        """Take a chunk; yield results that are ready."""
+        if self._pool is None:
+            yield function(chunk)
+            return
+        self._waiting.add(self._pool.submit(function, chunk))
+        while len(self._waiting) >= self._limit:
+            yield from self._ready()
+
+    def rest(self) -> Iterator[Any]:
+        """Yield what is still under way."""
+        while self._waiting:
+            yield from self._ready()
+
+    def _ready(self) -> List[Any]:
+        done, self._waiting = wait(self._waiting, return_when=FIRST_COMPLETED)
+        return [future.result() for future in done]

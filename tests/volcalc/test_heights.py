@@ -1,0 +1,199 @@
+"""Robust heights of cells, what counts as support, and how gaps are closed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from quantify_client.types import Window
+from quantify_client.volcalc.grid import CellWindow, Grid
+from quantify_client.volcalc.heights import MARGIN, cell_heights, fill_gaps, support
+from quantify_client.volcalc.surface import HeightHistogram
+
+from .grounds import EAST, LEVEL, NORTH
+
+SITE = Window(EAST + 5, NORTH + 5, EAST + 25, NORTH + 25)
+
+
+def heights_of(x, y, z, cell=0.1, site=SITE):
+    """Cells of local points."""
+    around = Window(EAST - 5, NORTH - 5, EAST + 35, NORTH + 35)
+    grid = Grid.over([CellWindow.around(around, cell, 2)])
+    histogram = HeightHistogram(grid)
+    number, kept = grid.locate(EAST + x, NORTH + y)
+    histogram.add(number, LEVEL + (z if kept is None else z[kept]))
+    return cell_heights(histogram.voxels(), grid, site)
+
+
+def random_places(count, seed=0):
+    return np.random.default_rng(seed).uniform(0, 30, (2, count))
+
+
+def core(heights):
+    """The part of the window that the site covers."""
+    return slice(MARGIN, -MARGIN), slice(MARGIN, -MARGIN)
+
+
+def test_cells_hold_four_points_or_more():
+    x, y = random_places(90_000)  # 100 points a square metre: two spacings are 0.2 m
+    heights = heights_of(x, y, np.zeros_like(x))
+    assert heights.window.cell == pytest.approx(0.2)
+    assert heights.count[core(heights)].mean() == pytest.approx(4.0, rel=0.03)
+    few = heights_of(x[:9000], y[:9000], np.zeros(9000))  # 10: 0.63 m
+    assert few.window.cell >= 0.63
+    assert few.count[core(few)].mean() >= 4.0
+
+
+def test_heights_are_means_of_their_points():
+    x, y = random_places(40_000)
+    z = np.round(0.1 * x - 0.05 * y, 3)
+    heights = heights_of(x, y, z)
+    window = heights.window
+    column = np.floor((EAST + x) / window.cell + 1e-6).astype(int) - window.first_x
+    row = np.floor((NORTH + y) / window.cell + 1e-6).astype(int) - window.first_y
+    inside = (column >= 0) & (row >= 0) & (column < window.nx) & (row < window.ny)
+    flat = (row * window.nx + column)[inside]
+    count = np.bincount(flat, minlength=window.nx * window.ny).reshape(window.shape)
+    total = np.bincount(flat, z[inside], window.nx * window.ny).reshape(window.shape)
+    np.testing.assert_array_equal(heights.count, count)
+    known = count > 0
+    np.testing.assert_allclose(heights.z[known], LEVEL + total[known] / count[known], atol=1e-4)
+    assert np.isnan(heights.z[~known]).all()
+    assert heights.strays.sum() == 0
+
+
+@pytest.mark.parametrize("stray", [5.0, -5.0, 1.5, 500.0, -40_000.0])
+def test_one_percent_of_strays_moves_no_cell(stray):
+    x, y = random_places(40_000)
+    z = np.round(0.1 * x + 0.05 * y, 3)
+    clean = heights_of(x, y, z)
+    off = np.random.default_rng(1).random(len(z)) < 0.01
+    dirty = heights_of(x, y, np.where(off, z + stray, z))
+    both = np.isfinite(clean.z) & np.isfinite(dirty.z)
+    # What is left is the mean of fewer points on a slope, not a share of the stray's height.
+    assert np.abs(dirty.z - clean.z)[both].max() < 0.1
+    assert abs(np.mean((dirty.z - clean.z)[both])) < 1e-4
+    total = dirty.strays.sum() + dirty.count.sum()
+    assert dirty.strays.sum() == pytest.approx(0.01 * total, rel=0.2)
+    assert total == clean.count.sum()
+
+
+def test_walls_keep_top_and_foot():
+    x, y = random_places(90_000)
+    wall = 13.07
+    heights = heights_of(x, y, np.where(x > wall, 3.0, 0.0))
+    # Where the wall cuts less than a tenth off a block of cells, that sliver counts as strays.
+    assert heights.strays.sum() < 0.005 * len(x)
+    volume = np.nanmean((heights.z - LEVEL)[core(heights)]) * 20 * 20
+    assert volume == pytest.approx(3.0 * (25 - wall) * 20, rel=5e-3)
+
+
+@pytest.mark.parametrize("slope", [1.0, 3.0])
+def test_steep_slopes_are_no_strays(slope):
+    x, y = random_places(40_000)
+    heights = heights_of(x, y, slope * x)
+    assert heights.strays.sum() <= 1e-4 * len(x)
+
+
+@settings(max_examples=20)
+@given(seed=st.integers(0, 10**6))
+def test_the_order_of_points_changes_no_bit(seed):
+    x, y = random_places(5000)
+    z = np.round(0.1 * x, 3)
+    order = np.random.default_rng(seed).permutation(5000)
+    one, other = heights_of(x, y, z), heights_of(x[order], y[order], z[order])
+    np.testing.assert_array_equal(one.z, other.z)
+    np.testing.assert_array_equal(one.count, other.count)
+
+
+def test_an_area_without_points_is_empty():
+    x, y = random_places(2000)
+    heights = heights_of(x / 10, y / 10, np.zeros(2000))
+    assert np.isnan(heights.z[core(heights)]).all()
+    assert heights.count[core(heights)].sum() == 0
+
+
+# --- support
+
+
+def test_full_cells_support_everything_and_none_nothing():
+    fraction = np.zeros((30, 30))
+    fraction[5:25, 5:25] = 1.0
+    assert support(np.full((30, 30), 4), fraction) == 1.0
+    assert support(np.zeros((30, 30), int), fraction) == 0.0
+    assert support(np.full((30, 30), 4), np.zeros((30, 30))) == 0.0
+
+
+def test_an_empty_half_supports_half():
+    fraction = np.ones((40, 60))
+    count = np.full((40, 60), 4)
+    count[:, 30:] = 0
+    assert support(count, fraction) == pytest.approx(0.5, abs=1e-12)
+
+
+@pytest.mark.parametrize("edge", [0.0, 0.25, 0.5, 0.75])
+def test_the_edge_of_a_gap_may_run_through_cells(edge):
+    fraction = np.ones((40, 60))
+    count = np.full((40, 60), 8)
+    count[:, 30] = 8 * edge
+    count[:, 31:] = 0
+    assert support(count, fraction) == pytest.approx((30 + edge) / 60, abs=1e-12)
+
+
+def test_support_counts_rim_cells_by_their_share():
+    fraction = np.zeros((40, 40))
+    fraction[10:30, 10:30] = 1.0
+    fraction[10:30, 30] = 0.5
+    count = np.full((40, 40), 4)
+    count[:20] = 0
+    assert support(count, fraction) == pytest.approx(0.5, abs=1e-9)
+
+
+# --- gaps
+
+
+def test_nothing_to_fill_is_left_as_it_is():
+    z = np.arange(12.0).reshape(3, 4)
+    assert fill_gaps(z, 5) is z
+    assert np.isnan(fill_gaps(np.full((3, 4), np.nan), 5)).all()
+
+
+def test_a_plane_goes_on_through_a_hole():
+    """Planes are harmonic, so the membrane over a hole in one is the plane itself."""
+    row, column = np.mgrid[0:40, 0:40]
+    plane = 160 + 0.3 * column - 0.2 * row
+    z = plane.copy()
+    z[12:29, 8:31] = np.nan
+    np.testing.assert_allclose(fill_gaps(z, 3), plane, atol=1e-4)
+
+
+def test_a_saddle_goes_on_through_scattered_gaps():
+    """u * v satisfies Laplace's equation on the grid exactly."""
+    row, column = np.mgrid[0:40, 0:40]
+    saddle = 160 + 0.01 * (row - 20) * (column - 20)
+    z = saddle.copy()
+    gone = np.random.default_rng(0).random(z.shape) < 0.4
+    gone[[0, -1]] = gone[:, [0, -1]] = False
+    z[gone] = np.nan
+    np.testing.assert_allclose(fill_gaps(z, 2), saddle, atol=1e-4)
+
+
+def test_the_membrane_never_leaves_the_heights_around_it():
+    rng = np.random.default_rng(0)
+    z = rng.uniform(100, 200, (30, 30))
+    z[5:20, 8:25] = np.nan
+    filled = fill_gaps(z, 2)
+    assert np.isfinite(filled).all()
+    assert filled.min() >= np.nanmin(z) - 1e-3
+    assert filled.max() <= np.nanmax(z) + 1e-3
+
+
+def test_beyond_the_edge_heights_go_on_for_the_reach_only():
+    z = np.full((20, 60), np.nan)
+    z[:, :30] = 7.0
+    filled = fill_gaps(z, 5)
+    assert np.isfinite(filled[:, :35]).all()
+    assert np.isnan(filled[:, 36:]).all()
+    np.testing.assert_allclose(filled[:, :35], 7.0)

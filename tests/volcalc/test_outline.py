@@ -1,0 +1,54 @@
+"""The cloud's own outline."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from quantify_client.errors import SupportError
+from quantify_client.types import Window
+from quantify_client.volcalc.grid import CellWindow, Grid
+from quantify_client.volcalc.outline import cloud_outline
+from quantify_client.volcalc.surface import HeightHistogram
+
+from .grounds import EAST, LEVEL, NORTH
+
+CLOUD = Window(EAST, NORTH, EAST + 30, NORTH + 30)
+
+
+def outline_of(keep, count=40_000):
+    x, y = np.random.default_rng(0).uniform(0, 30, (2, count))
+    kept = keep(x, y)
+    grid = Grid.over([CellWindow.around(CLOUD, 0.1, 2)])
+    histogram = HeightHistogram(grid)
+    number, _ = grid.locate(EAST + x[kept], NORTH + y[kept])
+    histogram.add(number, np.full(len(number), LEVEL))
+    return cloud_outline(histogram.voxels(), grid, CLOUD)
+
+
+def test_outline_of_a_disc_is_a_disc_less_an_edge_of_cells():
+    disc = outline_of(lambda x, y: np.hypot(x - 15, y - 15) < 12)
+    assert disc.is_valid
+    assert disc.geom_type == "Polygon"
+    assert np.pi * 11**2 < disc.area < np.pi * 12**2
+    assert disc.centroid.x == pytest.approx(EAST + 15, abs=0.1)
+    assert disc.centroid.y == pytest.approx(NORTH + 15, abs=0.1)
+
+
+def test_holes_are_closed():
+    ring = outline_of(lambda x, y: (np.hypot(x - 15, y - 15) < 12) & (np.hypot(x - 15, y - 15) > 4))
+    assert len(ring.interiors) == 0
+    assert ring.area > np.pi * 11**2
+
+
+def test_islands_are_parts_and_specks_are_not():
+    outline = outline_of(
+        lambda x, y: (x < 12) | (x > 20) & (y > 15) | (np.hypot(x - 20, y - 5) < 0.8)
+    )
+    assert outline.geom_type == "MultiPolygon"
+    assert len(outline.geoms) == 2
+
+
+def test_points_too_far_apart_to_touch_are_refused_in_words():
+    with pytest.raises(SupportError, match="--area"):
+        outline_of(lambda x, y: x < 0.15, count=300)
