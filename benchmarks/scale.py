@@ -92,7 +92,10 @@ def make_areas(path: Path, count: int) -> None:
     turn = np.linspace(0.0, 2 * np.pi, 25)
     features = []
     for number, (x, y, radius, _) in enumerate(piles()[:count]):
-        ring = np.column_stack([np.cos(turn), np.sin(turn)]) * (radius + 1.5) + [EAST + x, NORTH + y]
+        ring = np.column_stack([np.cos(turn), np.sin(turn)]) * (radius + 1.5) + [
+            EAST + x,
+            NORTH + y,
+        ]
         ring[-1] = ring[0]
         geometry = {"type": "Polygon", "coordinates": [ring.tolist()]}
         features.append(
@@ -171,7 +174,9 @@ def print_row(millions: float, figures: Dict[str, Tuple[float, float]]) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
     parser.add_argument("--points", type=float, nargs="+", default=[5.0, 20.0, 50.0])
     parser.add_argument("--repeat", type=int, default=3)
     parser.add_argument("--dir", type=Path, help="where the clouds are made, and kept")

@@ -209,19 +209,18 @@ def test_turning_changes_little_on_undulating_ground(folder, base):
 
 
 def test_turning_a_round_outline_on_undulating_ground_with_triangles(folder):
-    """Points on a circle have many Delaunay triangulations, and each gives another base.
+    """Points on a circle have many Delaunay triangulations; the base must not depend on one.
 
-    On ground that undulates by 0.1 m the choice is worth up to 2.7 % of this cone.
+    On ground that undulates by 0.1 m the choice was worth up to 2.7 % of this cone.
     """
     terrain = cone().on(undulating)
     points = survey(terrain.height, CLEAN, seed=3)
     found = []
-    for degrees in (0.0, 33.0):
+    for degrees in (0.0, 33.0, 45.0):
         xyz, area = turned(points, terrain.area, degrees, (0.0, 0.0))
         path = write_ply(folder / "turned.ply", xyz, extra=False)
         found.append(measure(path, area=area).results[0].volume_m3)
-    if abs(found[1] / found[0] - 1) > 2e-3:
-        pytest.xfail(f"the triangulation of a circle is not unique: {found}")
+    np.testing.assert_allclose(found, found[0], rtol=2e-3)
 
 
 @pytest.mark.parametrize("base", ["triangulate", "plane", "average"])

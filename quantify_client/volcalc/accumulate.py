@@ -19,8 +19,8 @@ __all__ = ["TerrainAccumulator", "plan_windows"]
 #: Streaming cells over all areas together: what bounds the memory and the work after the pass.
 MAX_CELLS = 1_000_000
 
-#: Final cells are about this many point spacings wide, at the most.
-_SPACINGS_PER_CELL = 2.5
+#: Final cells are this many point spacings wide at the most.
+_SPACINGS_PER_CELL = 4.0
 
 #: Points that are placed at a time.
 _AT_ONCE = 32_768
@@ -31,8 +31,10 @@ def plan_windows(
 ) -> list[CellWindow]:
     """Return the windows of streaming cells for the areas, with room around each.
 
-    The cells are as small as `MAX_CELLS` of them allow; the final ones, of about two point
-    spacings, are made from them when the density under each area is known.
+    The cells are half the cloud's mean point spacing, whatever areas there are, so that an area's
+    result does not depend on the others; they are larger only where more than `MAX_CELLS` of them
+    would be needed. The final ones, of about two point spacings, are made from them when the
+    density under each area is known.
     """
     ground = max((cloud.max_x - cloud.min_x) * (cloud.max_y - cloud.min_y), 1e-12)
     spacing = math.sqrt(ground / max(point_count or 1, 1))
@@ -44,7 +46,7 @@ def plan_windows(
             Window(area.min_x - room, area.min_y - room, area.max_x + room, area.max_y + room)
         )
     total = sum((w.max_x - w.min_x) * (w.max_y - w.min_y) for w in wide)
-    cell = nice_cell(math.sqrt(max(total, 1e-12) / MAX_CELLS))
+    cell = nice_cell(max(spacing / 2, math.sqrt(max(total, 1e-12) / MAX_CELLS)))
     return [CellWindow.around(w, cell, 2) for w in wide]
 
 

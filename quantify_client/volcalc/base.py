@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Callable, Sequence, Union
+from typing import Callable, Protocol, Sequence, Union
 
 import numpy as np
 import numpy.typing as npt
 import shapely
-from scipy import sparse
-from scipy.spatial import Delaunay, cKDTree
+from scipy.spatial import cKDTree
 from shapely.geometry import Polygon
 
-from ..types import FloatArray
+from ..types import FloatArray, IntArray
 from .grid import CellWindow
+from .membrane import Membrane, stretch
 from .rim import Rim
-from .scan import scan_triangles
 
 __all__ = ["BASES", "Base", "make_base"]
 
@@ -51,9 +50,10 @@ def make_base(
 
     Parameters
     ----------
-    name : ``triangulate`` (constrained Delaunay triangles between the rim points of each part,
-        linear within), ``plane`` (least squares on the rim, weighted by length), ``average`` (of
-        the rim by length), ``lowest``, ``highest`` (of the rim), or an elevation in metres.
+    name : ``triangulate`` (constrained Delaunay triangles over the rim points of each part, with
+        inner nodes stretched between them like a membrane), ``plane`` (least squares on the rim,
+        weighted by length), ``average`` (of the rim by length), ``lowest``, ``highest`` (of the
+        rim), or an elevation in metres.
     rim : of the outer rings; may be None for an elevation.
     parts : the polygons.
     inside : (ny, nx) bool, the cells to cover.
@@ -71,20 +71,26 @@ def make_base(
     return Base(name, z, lambda weights: matrix.back(weights[inside]))
 
 
+class _Linear(Protocol):
+    """A linear map from rim heights to cells, and back from cells' weights to the rim's."""
+
+    def apply(self, rim_z: FloatArray) -> FloatArray: ...
+
+    def back(self, weights: FloatArray) -> FloatArray: ...
+
+
 @dataclass(frozen=True)
 class _Product:
     """A linear map from rim heights to cells, as a product of two matrices."""
 
-    left: FloatArray | sparse.csr_matrix
-    right: FloatArray | sparse.csr_matrix | None = None
+    left: FloatArray
+    right: FloatArray
 
     def apply(self, rim_z: FloatArray) -> FloatArray:
-        middle = rim_z if self.right is None else self.right @ rim_z
-        return np.asarray(self.left @ middle)
+        return np.asarray(self.left @ (self.right @ rim_z))
 
     def back(self, weights: FloatArray) -> FloatArray:
-        middle = self.left.T @ weights
-        return np.asarray(middle if self.right is None else self.right.T @ middle)
+        return np.asarray(self.right.T @ (self.left.T @ weights))
 
 
 def _centres(window: CellWindow, inside: npt.NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
@@ -97,36 +103,50 @@ def _in_cells(rim: Rim, window: CellWindow) -> tuple[FloatArray, FloatArray]:
     return (rim.x - window.min_x) / window.cell, (rim.y - window.min_y) / window.cell
 
 
+@dataclass(frozen=True)
+class _Patches:
+    """The membranes of all parts, and the nearest rim point where a cell's middle is in none."""
+
+    cells: int
+    rim: int
+    pieces: Sequence[tuple[IntArray, IntArray, Membrane]]
+    lost: IntArray
+    nearest: IntArray
+
+    def apply(self, rim_z: FloatArray) -> FloatArray:
+        heights = np.empty(self.cells)
+        for cells, points, membrane in self.pieces:
+            heights[cells] = membrane.apply(rim_z[points])
+        heights[self.lost] = rim_z[self.nearest]
+        return heights
+
+    def back(self, weights: FloatArray) -> FloatArray:
+        shares = np.bincount(self.nearest, weights[self.lost], self.rim).astype(np.float64)
+        for cells, points, membrane in self.pieces:
+            shares[points] += membrane.back(weights[cells])
+        return shares
+
+
 def _triangulate(
     rim: Rim, parts: Sequence[Polygon], window: CellWindow, inside: npt.NDArray[np.bool_]
-) -> _Product:
+) -> _Patches:
+    row, column = np.nonzero(inside)
     u, v = _centres(window, inside)
     rim_u, rim_v = _in_cells(rim, window)
     owner = _part_of(parts, window, u, v)
-    rows, columns, shares = [], [], []
+    pieces = []
     for number in range(len(parts)):
-        points = np.flatnonzero(rim.part == number)
-        cells = np.flatnonzero(owner == number)
-        corner, share = _barycentric(
-            np.column_stack([rim_u[points], rim_v[points]]),
-            np.column_stack([u[cells], v[cells]]),
-            window.shape,
-        )
-        rows.append(np.repeat(cells, 3))
-        columns.append(points[corner].ravel())
-        shares.append(share.ravel())
-    # Cells whose middle is in no part (along the rim) take the nearest rim point.
+        points, cells = np.flatnonzero(rim.part == number), np.flatnonzero(owner == number)
+        ring = np.column_stack([rim_u[points], rim_v[points]])
+        # The rim's own points, so that rounding puts no middle between two outlines.
+        membrane = stretch(ring, Polygon(ring), row[cells], column[cells], window.shape)
+        pieces.append((cells, points, membrane))
     lost = np.flatnonzero(owner < 0)
+    nearest = np.zeros(0, dtype=np.int64)
     if len(lost):
         tree = cKDTree(np.column_stack([rim_u, rim_v]))
-        rows.append(lost)
-        columns.append(tree.query(np.column_stack([u[lost], v[lost]]))[1])
-        shares.append(np.ones(len(lost)))
-    matrix = sparse.csr_matrix(
-        (np.concatenate(shares), (np.concatenate(rows), np.concatenate(columns))),
-        shape=(len(u), len(rim.z)),
-    )
-    return _Product(matrix)
+        nearest = tree.query(np.column_stack([u[lost], v[lost]]))[1]
+    return _Patches(len(u), len(rim.z), pieces, lost, nearest)
 
 
 def _part_of(
@@ -141,26 +161,6 @@ def _part_of(
         shapely.prepare(outer)
         owner[(owner < 0) & shapely.intersects_xy(outer, x, y)] = number
     return owner
-
-
-def _barycentric(
-    points: FloatArray, at: FloatArray, shape: tuple[int, int]
-) -> tuple[npt.NDArray[np.int64], FloatArray]:
-    """Return the corners (N, 3) and shares (N, 3) of the triangles around the cell middles `at`."""
-    triangles = Delaunay(points)
-    found = scan_triangles(points[triangles.simplices], shape)
-    simplex = found[(at[:, 1] - 0.5).astype(np.int64), (at[:, 0] - 0.5).astype(np.int64)]
-    corner = triangles.simplices[simplex].astype(np.int64)
-    transform = triangles.transform[simplex]
-    two = np.einsum("nij,nj->ni", transform[:, :2], at - transform[:, 2])
-    share = np.column_stack([two, 1.0 - two.sum(axis=1)])
-    # Slivers between points in line have no barycentric coordinates, and rounding may put a
-    # middle on the rim outside all triangles.
-    lost = (simplex < 0) | ~np.isfinite(share).all(axis=1)
-    if lost.any():
-        corner[lost] = cKDTree(points).query(at[lost])[1][:, None]
-        share[lost] = [1.0, 0.0, 0.0]
-    return corner, share
 
 
 def _plane(
@@ -200,7 +200,9 @@ def _highest(
     return _level(rim, inside, np.eye(1, len(rim.z), int(np.argmax(rim.z)))[0])
 
 
-_RECIPES = {
+_Recipe = Callable[[Rim, Sequence[Polygon], CellWindow, npt.NDArray[np.bool_]], _Linear]
+
+_RECIPES: dict[str, _Recipe] = {
     "triangulate": _triangulate,
     "plane": _plane,
     "average": _average,

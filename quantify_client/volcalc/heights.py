@@ -248,7 +248,7 @@ def _typical_count(count: IntArray, inner: npt.NDArray[np.bool_]) -> FloatArray:
     return np.asarray((total + prior * overall) / (weight + prior))
 
 
-def fill_gaps(z: FloatArray, reach: int) -> FloatArray:
+def fill_gaps(z: FloatArray, reach: int, needed: npt.NDArray[np.bool_] | None = None) -> FloatArray:
     """Return `z` with its gaps closed by a membrane (Laplace's equation).
 
     Gaps that known cells enclose are closed whole. From the outer edge of what is known the
@@ -258,6 +258,8 @@ def fill_gaps(z: FloatArray, reach: int) -> FloatArray:
     ----------
     z : (ny, nx) float64, NaN in gaps.
     reach : in cells; it also closes the necks that make an opening a gap.
+    needed : (ny, nx) bool; gaps without a needed cell get the nearest known height instead of the
+        membrane, which takes long over the wide margin around a whole cloud.
     """
     unknown = np.isnan(z)
     if not unknown.any() or unknown.all():
@@ -267,7 +269,13 @@ def fill_gaps(z: FloatArray, reach: int) -> FloatArray:
     wanted = unknown & ndimage.binary_fill_holes(near)
     filled = z.copy()
     filled[wanted] = z[tuple(nearest[:, wanted])]
-    _relax(filled, wanted)
+    if needed is not None:
+        label, number = ndimage.label(wanted)
+        touched = np.zeros(number + 1, dtype=bool)
+        touched[label[needed]] = True
+        wanted &= touched[label]
+    if wanted.any():
+        _relax(filled, wanted)
     return filled
 
 

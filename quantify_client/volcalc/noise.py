@@ -14,7 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import optimize, signal
+from scipy import ndimage, optimize, signal
 
 from ..types import FloatArray, IntArray
 
@@ -43,6 +43,9 @@ _LEAST_BLOCKS = 10
 
 #: Differences of single cells around the area that make the ground there sufficient.
 _ENOUGH_AROUND = 400
+
+#: The band inside the rim that serves where there is nothing outside, in cells.
+_BAND_CELLS = 16
 
 #: Neighbouring differences share blocks, and a quantile is a wasteful estimate: this many, by their
 #: order, tell as much as makes a variance good to one standard deviation.
@@ -90,15 +93,29 @@ def measure_noise(
     fraction : (ny, nx) share of each cell inside the area. The ground outside is less shaped
         than what is measured, and where there is enough of it, it tells the noise.
     """
-    around = np.where(fraction > 0, np.nan, z)
-    enough = len(_mixed_differences(around, 1, 1, 1)) >= _ENOUGH_AROUND
-    order = 1 if enough else 2
-    sizes, observed, voices = _spreads(around if enough else z, order)
+    ground, order = _ground_around(z, fraction)
+    sizes, observed, voices = _spreads(ground, order)
     independent, correlated, length = 0.0, 0.0, 1.0
     if len(sizes):
         independent, correlated, length = _fit(sizes, observed, np.sqrt(voices), order)
     each = _cell_sigma(independent, z, count, filled)
     return Noise(independent, correlated, length, each)
+
+
+def _ground_around(z: FloatArray, fraction: FloatArray) -> tuple[FloatArray, int]:
+    """Return the heights that tell the noise, NaN elsewhere, and the order of differences for them.
+
+    First the ground outside the area; where the cloud ends at the area, a band inside its rim;
+    and the whole of an area that is all rim.
+    """
+    outside = np.where(fraction > 0, np.nan, z)
+    if len(_mixed_differences(outside, 1, 1, 1)) >= _ENOUGH_AROUND:
+        return outside, 1
+    depth = ndimage.distance_transform_edt(np.pad(fraction > 0, 1))[1:-1, 1:-1]
+    band = np.where(depth > _BAND_CELLS, np.nan, z)
+    if len(_mixed_differences(band, 1, 1, 1)) >= _ENOUGH_AROUND:
+        return band, 1
+    return z, 2
 
 
 def _spreads(z: FloatArray, order: int) -> tuple[IntArray, FloatArray, FloatArray]:
@@ -176,9 +193,9 @@ def _fit(
 ) -> tuple[float, float, float]:
     """Return independent, correlated and length that best explain the observed variances.
 
-    On the area itself what grows with the block size like the square or the fourth power is its
-    shape, and correlated noise is what levels off and falls again. On the ground around, whatever
-    is not independent counts as correlated: to the base it is an error all the same.
+    On the ground around, whatever is not independent counts as correlated: to the base it is an
+    error all the same. On the area itself (second differences), what grows with the block size is
+    its shape, and no correlation can be told from it.
     """
     block = sizes.astype(np.float64)
     columns = [_AUTOCORRELATION[order][0] ** 2 / block**2]
@@ -186,6 +203,8 @@ def _fit(
         columns += [block**2, block**4]
     variances, best = _explain(columns, observed, voice)
     independent, correlated, length = variances[0], 0.0, 1.0
+    if order == 2:
+        return float(np.sqrt(independent)), 0.0, 1.0
     best -= _CONVINCING
     for trial in np.geomspace(_SHORTEST, max(1.0, 1.5 * float(block[-1])), 24):
         together = np.array([_together(int(size), float(trial), order) for size in sizes])

@@ -36,7 +36,7 @@ def scan_triangles(corner: FloatArray, shape: tuple[int, int]) -> IntArray:
     first = np.clip(np.ceil(low[:, 1] - 0.5), 0, shape[0]).astype(np.int64)
     last = np.clip(np.ceil(high[:, 1] - 0.5), 0, shape[0]).astype(np.int64)
     triangle, row = _spread(first, last)
-    v = row + 0.5
+    v = row.astype(np.float64) + 0.5
     low, middle, high = low[triangle], middle[triangle], high[triangle]
     upper = v >= middle[:, 1]
     a = np.where(upper[:, None], middle, low)

@@ -308,7 +308,7 @@ def _warnings(
 def _relief_warning(ground: _Ground, base: Base, rim: Rim | None, result: AreaResult) -> list[str]:
     if rim is None or base.name not in ("triangulate", "plane"):
         return []
-    relief = rim_relief(rim, ground.noise)
+    relief = rim_relief(rim, ground.noise, smooth=False)
     total = (result.cut_m3 or 0.0) + (result.fill_m3 or 0.0)
     if BASE_MISFIT * relief * (result.area_m2 or 0.0) < _RELIEF_SHARE * total or relief == 0:
         return []

@@ -12,17 +12,14 @@ from scipy.spatial import Delaunay
 from shapely.geometry import MultiPolygon, Polygon
 
 from ..types import FloatArray, IntArray
-from .grid import CellWindow, Grid
+from .grid import CellWindow, Grid, coarser_factors
 from .heights import CellHeights
 from .rim import Rim
 
 __all__ = ["PointSample", "best_of", "tin_integral"]
 
 #: Real points kept over all areas together; an area never has more.
-MAX_POINTS = 120_000
-
-#: From this many areas on, half as many do.
-_MANY = 10
+MAX_POINTS = 60_000
 
 #: Points looked at per kept one; more would only cost time.
 _CANDIDATES = 4.0
@@ -38,15 +35,15 @@ class PointSample:
 
     Parameters
     ----------
-    windows : of streaming cells; many of them (areas) get fewer points together than few.
+    windows : of streaming cells.
     point_count : points expected in the windows, None when unknown.
     """
 
     def __init__(self, grid: Grid, windows: Sequence[CellWindow], point_count: int | None) -> None:
         self.grid = grid
-        most = MAX_POINTS if len(windows) < _MANY else MAX_POINTS // 2
         cells = sum(w.nx * w.ny for w in windows)
-        self.size = grid.cell * max(1, math.ceil(math.sqrt(cells / most)))
+        least = math.sqrt(cells / MAX_POINTS)
+        self.size = grid.cell * next(f for f in coarser_factors(grid.cell) if f >= least)
         ground = cells * (grid.cell / self.size) ** 2
         share = 1.0 if not point_count else min(1.0, _CANDIDATES * ground / point_count)
         self._half = 0.5 * math.sqrt(share)

@@ -26,6 +26,10 @@ BASE_MISFIT = 0.25
 #: Relief below this many times the rim's noise is noise.
 _CLEAR_RELIEF = 1.5
 
+#: Share of the step across a gap by which its mean height may be off: as if anything between a
+#: third below and a third above the middle were as likely (1 / sqrt(27)).
+_UNSEEN_STEP = 0.19
+
 _BOOLS = npt.NDArray[np.bool_]
 
 
@@ -128,8 +132,11 @@ def _flat_ground(surface: Surface, noise: Noise) -> float:
     return 0.4 * noise.correlated * float(surface.a[near].sum())
 
 
-def rim_relief(rim: Rim, noise: Noise) -> float:
-    """Return the RMS by which the rim departs from a plane, beyond its noise; 0 when unclear."""
+def rim_relief(rim: Rim, noise: Noise, *, smooth: bool = True) -> float:
+    """Return the RMS by which the rim departs from a plane, beyond its noise; 0 when unclear.
+
+    With `smooth`, what the correlated noise already accounts for does not count.
+    """
     centre_x, centre_y = rim.x.mean(), rim.y.mean()
     design = np.column_stack([np.ones(len(rim.x)), rim.x - centre_x, rim.y - centre_y])
     root = np.sqrt(rim.length)[:, None]
@@ -137,7 +144,8 @@ def rim_relief(rim: Rim, noise: Noise) -> float:
     plane = np.linalg.lstsq(design * root, level * root[:, 0], rcond=None)[0]
     square = float(np.average((level - design @ plane) ** 2, weights=rim.length))
     sigma = noise.cell.ravel() ** 2
-    own = float(np.mean(rim.weights.multiply(rim.weights) @ sigma)) + noise.correlated**2
+    own = float(np.mean(rim.weights.multiply(rim.weights) @ sigma))
+    own += noise.correlated**2 if smooth else 0.0
     return float(np.sqrt(square - own)) if square > _CLEAR_RELIEF**2 * own else 0.0
 
 
@@ -158,19 +166,30 @@ def _coverage(surface: Surface, noise: Noise, side: _BOOLS) -> float:
     """Return the error of heights interpolated over gaps.
 
     How far a cell is off the mean of its four neighbours, beyond noise, tells the ground's
-    roughness; a gap's error grows with the power 1.5 of its depth in cells, is one error over the
-    whole gap, and is independent of other gaps'.
+    roughness; a gap's error grows with the power 1.5 of its depth in cells. Where a gap lies
+    between high and low, as in the blind spot beside a wall, a share of that difference is what
+    nobody saw. Each gap has one error over all of it, independent of other gaps'.
     """
-    gap = side & ~np.isfinite(surface.z)
+    measured = np.isfinite(surface.z)
+    gap = side & ~measured
     if not gap.any():
         return 0.0
-    roughness = _roughness(surface, noise)
-    depth = ndimage.distance_transform_edt(~np.isfinite(surface.z))
+    depth = ndimage.distance_transform_edt(~measured)
     label, number = ndimage.label(gap)
     index = np.arange(1, number + 1)
     area = ndimage.sum_labels(np.where(gap, surface.a, 0.0), label, index)
-    deepest = ndimage.maximum(depth, label, index)
-    return float(np.sqrt(((area * roughness * np.asarray(deepest) ** 1.5) ** 2).sum()))
+    deepest = np.asarray(ndimage.maximum(depth, label, index))
+    by_shape = _roughness(surface, noise) * deepest**1.5
+    step = np.asarray(ndimage.mean(_local_step(surface.z), label, index))
+    return float(np.sqrt((area**2 * (by_shape**2 + (_UNSEEN_STEP * step) ** 2)).sum()))
+
+
+def _local_step(z: FloatArray) -> FloatArray:
+    """Return the difference between the highest and the lowest known cell of each 5 x 5 cells."""
+    known = np.isfinite(z)
+    high = ndimage.maximum_filter(np.where(known, z, -np.inf), 5)
+    low = ndimage.minimum_filter(np.where(known, z, np.inf), 5)
+    return np.where(np.isfinite(high - low), high - low, 0.0)
 
 
 def _roughness(surface: Surface, noise: Noise) -> float:

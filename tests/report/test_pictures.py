@@ -41,6 +41,25 @@ def test_a_pile_is_brown_and_a_pit_is_blue() -> None:
     assert blue > 50_000 > 5_000 > red
 
 
+def test_the_ground_round_one_area_hides_no_other() -> None:
+    """Both areas' reliefs show the same pile, each within its own polygon."""
+    halves = [shapely.box(4, 4, 20, 32), shapely.box(20, 4, 36, 32)]
+    results = [
+        surveys.terrain(name, surveys.relief(surveys.cone, polygon))
+        for name, polygon in zip("ab", halves)
+    ]
+    measurement = surveys.measurement(*results)
+    png = pictures.overview_picture(measurement, display_units(measurement, "metric"))
+    assert png is not None
+    image = np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)
+    plan = image[:, 75:1080]  # without the colour bar
+    brown = plan[..., 0] - plan[..., 2] > 60
+    columns = np.flatnonzero(brown.any(axis=0))
+    middle = (columns[0] + columns[-1]) // 2
+    left, right = brown[:, :middle].sum(), brown[:, middle:].sum()
+    assert 0.7 < left / right < 1.4
+
+
 def test_pictures_are_1400_wide_whatever_the_form() -> None:
     long = shapely.box(2, 2, 118, 8)
     for polygon, size in ((long, (120.0, 10.0)), (shapely.box(2, 2, 8, 118), (10.0, 120.0))):

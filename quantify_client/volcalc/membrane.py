@@ -1,0 +1,156 @@
+"""The base inside a rim: a constrained triangulation with the heights of a stretched membrane.
+
+A Delaunay triangulation of the rim alone is not unique where rim points lie on one circle, and a
+round outline is one circle: turning cloud and outline together changed volumes on uneven ground by
+up to 2.7 %. So the triangulation gets inner nodes, and these the heights at which the surface
+bends least (finite elements for Laplace's equation; Pinkall and Polthier 1993, "Computing discrete
+minimal surfaces and their conjugates", cotangent weights). Every plane is reproduced exactly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+from scipy import sparse
+from scipy.sparse.linalg import splu
+from scipy.spatial import Delaunay, cKDTree
+from shapely.geometry import Polygon
+
+from ..types import FloatArray, IntArray
+from .scan import scan_triangles
+
+__all__ = ["Membrane", "stretch"]
+
+#: Inner nodes along the longer side of the area, at most; two cells apart at least.
+_NODES_ALONG = 40
+_LEAST_CELLS = 2.0
+
+#: Inner nodes keep this share of their distance from the rim.
+_CLEARANCE = 0.6
+
+#: A lattice of equilateral triangles has one Delaunay triangulation only; turned by an odd angle it
+#: shares no circle with the sides of buildings and map sheets either.
+_TURN = 0.2371
+
+
+@dataclass(frozen=True)
+class Membrane:
+    """Heights at places inside, linear in the rim's.
+
+    Attributes
+    ----------
+    from_rim : (N, M) sparse shares of the rim points.
+    from_inner : (N, K) sparse shares of the inner nodes.
+    coupling : (K, M) sparse; the inner heights solve stiffness @ inner = coupling @ rim.
+    solver : factors of the stiffness, None without inner nodes.
+    """
+
+    from_rim: sparse.csr_matrix
+    from_inner: sparse.csr_matrix
+    coupling: sparse.csr_matrix
+    solver: object
+
+    def apply(self, rim_z: FloatArray) -> FloatArray:
+        """Return the heights of the N places from those of the M rim points."""
+        heights = self.from_rim @ rim_z
+        if self.solver is not None:
+            heights = heights + self.from_inner @ self.solver.solve(self.coupling @ rim_z)  # type: ignore[attr-defined]
+        return np.asarray(heights)
+
+    def back(self, weights: FloatArray) -> FloatArray:
+        """Return the rim weights that give the same sum as `weights` of the N places."""
+        rim = self.from_rim.T @ weights
+        if self.solver is not None:
+            # The stiffness is symmetric, so its solver is its own transpose.
+            rim = rim + self.coupling.T @ self.solver.solve(self.from_inner.T @ weights)  # type: ignore[attr-defined]
+        return np.asarray(rim)
+
+
+def stretch(
+    rim: FloatArray, outer: Polygon, row: IntArray, column: IntArray, shape: tuple[int, int]
+) -> Membrane:
+    """Return the membrane over a ring, at the middles of cells inside it.
+
+    Parameters
+    ----------
+    rim : (M, 2) float64, points around the ring in cells; each next pair is a Delaunay edge.
+    outer : the polygon of the ring, in the same cells.
+    row, column : (N,) cells.
+    shape : rows and columns of the window.
+    """
+    inner = _inner_nodes(rim, outer)
+    nodes = np.concatenate([rim, inner])
+    triangles = Delaunay(nodes)
+    found = scan_triangles(nodes[triangles.simplices], shape)[row, column]
+    corner, share = _shares(triangles, found, np.column_stack([column + 0.5, row + 0.5]), rim)
+    place = np.repeat(np.arange(len(row)), 3)
+    every = sparse.csr_matrix(
+        (share.ravel(), (place, corner.ravel())), shape=(len(row), len(nodes))
+    )
+    m = len(rim)
+    coupling, solver = sparse.csr_matrix((len(inner), m)), None
+    if len(inner):
+        middle = nodes[triangles.simplices].mean(axis=1)
+        within = shapely.contains_xy(outer, middle[:, 0], middle[:, 1])
+        stiffness = _stiffness(nodes, triangles.simplices[within])
+        coupling = -stiffness[m:, :m]
+        solver = splu(stiffness[m:, m:].tocsc())
+    return Membrane(every[:, :m], every[:, m:], coupling, solver)
+
+
+def _inner_nodes(rim: FloatArray, outer: Polygon) -> FloatArray:
+    """Return a turned lattice of equilateral triangles inside the ring, clear of it."""
+    low, high = rim.min(axis=0), rim.max(axis=0)
+    step = max(_LEAST_CELLS, float((high - low).max()) / _NODES_ALONG)
+    reach = int(np.ceil(np.hypot(*(high - low)) / step)) + 2
+    j, i = np.meshgrid(np.arange(-reach, reach + 1), np.arange(-reach, reach + 1), indexing="ij")
+    u, v = (i + 0.5 * (j % 2)).ravel() * step, j.ravel() * (step * np.sqrt(0.75))
+    turned = np.column_stack(
+        [u * np.cos(_TURN) - v * np.sin(_TURN), u * np.sin(_TURN) + v * np.cos(_TURN)]
+    )
+    nodes = turned + (low + high) / 2
+    shapely.prepare(outer)
+    nodes = nodes[shapely.contains_xy(outer, nodes[:, 0], nodes[:, 1])]
+    if not len(nodes):
+        return np.asarray(nodes)
+    return np.asarray(nodes[cKDTree(rim).query(nodes)[0] > _CLEARANCE * step])
+
+
+def _stiffness(nodes: FloatArray, triangles: npt.NDArray[np.int32]) -> sparse.csr_matrix:
+    """Return the cotangent matrix of a triangulation."""
+    rows, columns, values = [], [], []
+    for k in range(3):
+        a, b, c = (triangles[:, (k + s) % 3] for s in range(3))
+        p, q = nodes[b] - nodes[a], nodes[c] - nodes[a]
+        cross = np.abs(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0])
+        # Slivers along a straight rim have no area and no part in the bending.
+        solid = cross > 1e-9 * (p**2).sum(axis=1)
+        half = 0.5 * (p * q).sum(axis=1)[solid] / cross[solid]
+        b, c = b[solid], c[solid]
+        rows += [b, c, b, c]
+        columns += [c, b, b, c]
+        values += [-half, -half, half, half]
+    return sparse.csr_matrix(
+        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))),
+        shape=(len(nodes), len(nodes)),
+    )
+
+
+def _shares(
+    triangles: Delaunay, found: IntArray, at: FloatArray, rim: FloatArray
+) -> tuple[npt.NDArray[np.int64], FloatArray]:
+    """Return the corners (N, 3) and shares (N, 3) of the triangles around places."""
+    corner = triangles.simplices[found].astype(np.int64)
+    transform = triangles.transform[found]
+    two = np.einsum("nij,nj->ni", transform[:, :2], at - transform[:, 2])
+    share = np.column_stack([two, 1.0 - two.sum(axis=1)])
+    # Slivers between points in line have no barycentric coordinates, and rounding may put a
+    # middle on the rim outside all triangles.
+    lost = (found < 0) | ~np.isfinite(share).all(axis=1)
+    if lost.any():
+        corner[lost] = cKDTree(rim).query(at[lost])[1][:, None]
+        share[lost] = [1.0, 0.0, 0.0]
+    return corner, share
