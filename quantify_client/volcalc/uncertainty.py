@@ -64,10 +64,11 @@ def error_budget(surface: Surface, base: Base, rim: Rim | None, noise: Noise) ->
         np.where(known & surface.above, surface.a, 0.0),
         np.where(known & ~surface.above, surface.a, 0.0),
     ]
-    either = _either_side(surface, noise, float(np.hypot(*net)))
+    unsure = _unsure(surface, noise, float(np.hypot(*net)))
+    either = _either_side(surface, np.hypot(unsure, noise.cell))
     split = [_noise_items(np.maximum(side, either), surface, base, rim, noise) for side in sides]
     survey, from_base = zip(net, *split)
-    level = _flat_ground(surface, noise)
+    level = _flat_ground(surface, unsure, np.hypot(unsure, noise.cell))
     misfit = _base_misfit(surface, base, rim, noise)
     weights = [everywhere, *sides]
     missing = [_coverage(surface, noise, weight > 0) for weight in weights]
@@ -85,17 +86,20 @@ def error_budget(surface: Surface, base: Base, rim: Rim | None, noise: Noise) ->
     ]
 
 
-def _either_side(surface: Surface, noise: Noise, std: float) -> FloatArray:
+def _unsure(surface: Surface, noise: Noise, std: float) -> float:
+    """Return how far, as one sigma, the ground near the base may be from it after all, metres."""
+    area = float(surface.a.sum())
+    return float(np.hypot(std / area, noise.correlated)) if area > 0 else 0.0
+
+
+def _either_side(surface: Surface, sigma: FloatArray) -> FloatArray:
     """Return the area of each cell that may belong to the other side of the base.
 
-    Where the ground is nearer to the base than the base is sure, a cell is cut or fill by chance:
-    its weight in the other side's error is the probability that it belongs there.
+    Where the ground is nearer to the base than both are sure (`sigma`), a cell is cut or fill by
+    chance: its weight in the other side's error is the probability that it belongs there.
     """
-    area = float(surface.a.sum())
-    unsure = np.hypot(std / area, noise.correlated) if area > 0 else 0.0
-    if unsure <= 0:
-        return np.zeros(surface.a.shape)
-    distance = np.abs(np.where(np.isfinite(surface.r), surface.r, np.inf)) / unsure
+    away = np.abs(np.where(np.isfinite(surface.r), surface.r, np.inf))
+    distance = np.divide(away, sigma, out=np.full_like(away, np.inf), where=sigma > 0)
     return np.asarray(surface.a * special.ndtr(-distance))
 
 
@@ -126,10 +130,14 @@ def _onto_measured(weights: FloatArray, measured: _BOOLS) -> FloatArray:
     return moved
 
 
-def _flat_ground(surface: Surface, noise: Noise) -> float:
-    """Return what correlated noise about the base adds to both cut and fill: 0.4 sigma A."""
-    near = np.isfinite(surface.r) & (np.abs(np.nan_to_num(surface.r)) < 2 * noise.correlated)
-    return 0.4 * noise.correlated * float(surface.a[near].sum())
+def _flat_ground(surface: Surface, unsure: float, sigma: FloatArray) -> float:
+    """Return what errors shared by neighbours add to both cut and fill near the base: 0.4 sigma A.
+
+    The mean of max(e, 0) of a normal error e is 0.4 sigma. What single cells add so is kept out by
+    their neighbours deciding their side; what neighbours share cannot be.
+    """
+    near = np.isfinite(surface.r) & (np.abs(np.nan_to_num(surface.r)) < 2 * sigma)
+    return 0.4 * unsure * float(surface.a[near].sum())
 
 
 def rim_relief(rim: Rim, noise: Noise, *, smooth: bool = True) -> float:
