@@ -185,7 +185,7 @@ def _layer_gap(
         for share in (0.25, 0.75)
     ]
     least = max(2.0, _LAYER_GAP_CELLS * cell / (voxels.quantum * voxels.bin_quanta))
-    return np.maximum(least, (quartile[1] - quartile[0]).astype(np.float64))
+    return np.asarray(np.maximum(least, (quartile[1] - quartile[0]).astype(np.float64)))
 
 
 def _collect(

@@ -31,6 +31,9 @@ _LEAST_CELLS = 2.0
 #: Inner nodes keep this share of their distance from the rim.
 _CLEARANCE = 0.6
 
+#: Triangles of half this area, in cells, are points in line.
+_LEAST_AREA = 1e-9
+
 #: A lattice of equilateral triangles has one Delaunay triangulation only; turned by an odd angle it
 #: shares no circle with the sides of buildings and map sheets either.
 _TURN = 0.2371
@@ -85,7 +88,8 @@ def stretch(
     nodes = np.concatenate([rim, inner])
     triangles = Delaunay(nodes)
     found = scan_triangles(nodes[triangles.simplices], shape)[row, column]
-    corner, share = _shares(triangles, found, np.column_stack([column + 0.5, row + 0.5]), rim)
+    at = np.column_stack([column + 0.5, row + 0.5])
+    corner, share = _shares(nodes, triangles.simplices, found, at, rim)
     place = np.repeat(np.arange(len(row)), 3)
     every = sparse.csr_matrix(
         (share.ravel(), (place, corner.ravel())), shape=(len(row), len(nodes))
@@ -140,17 +144,32 @@ def _stiffness(nodes: FloatArray, triangles: npt.NDArray[np.int32]) -> sparse.cs
 
 
 def _shares(
-    triangles: Delaunay, found: IntArray, at: FloatArray, rim: FloatArray
+    nodes: FloatArray,
+    triangles: npt.NDArray[np.int32],
+    found: IntArray,
+    at: FloatArray,
+    rim: FloatArray,
 ) -> tuple[npt.NDArray[np.int64], FloatArray]:
-    """Return the corners (N, 3) and shares (N, 3) of the triangles around places."""
-    corner = triangles.simplices[found].astype(np.int64)
-    transform = triangles.transform[found]
-    two = np.einsum("nij,nj->ni", transform[:, :2], at - transform[:, 2])
-    share = np.column_stack([two, 1.0 - two.sum(axis=1)])
+    """Return the corners (N, 3) and shares (N, 3) of the triangles around places.
+
+    Delaunay's own transform calls LAPACK for each triangle; its threads, called from those of the
+    areas, then wait for each other for a minute.
+    """
+    corner = triangles[found].astype(np.int64)
+    a = nodes[corner[:, 0]]
+    p, q, r = nodes[corner[:, 1]] - a, nodes[corner[:, 2]] - a, at - a
+    area = _cross(p, q)
     # Slivers between points in line have no barycentric coordinates, and rounding may put a
     # middle on the rim outside all triangles.
-    lost = (found < 0) | ~np.isfinite(share).all(axis=1)
+    lost = (found < 0) | (np.abs(area) <= _LEAST_AREA)
+    area[lost] = 1.0
+    second, third = _cross(r, q) / area, _cross(p, r) / area
+    share = np.column_stack([1.0 - second - third, second, third])
     if lost.any():
         corner[lost] = cKDTree(rim).query(at[lost])[1][:, None]
         share[lost] = [1.0, 0.0, 0.0]
     return corner, share
+
+
+def _cross(p: FloatArray, q: FloatArray) -> FloatArray:
+    return np.asarray(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0])

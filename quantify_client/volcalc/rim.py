@@ -210,14 +210,17 @@ def _about(plane: FloatArray, u: FloatArray, v: FloatArray) -> FloatArray:
 def _inverse_normal(sums: FloatArray, u: FloatArray, v: FloatArray) -> FloatArray:
     """Return the inverses (M, 3, 3) of the normal matrices, from the sums of the six terms."""
     s, su, sv, suu, suv, svv = sums.T
-    normal = np.empty((len(s), 3, 3))
-    normal[:, 0, 0] = s + 1e-12
-    normal[:, 0, 1] = normal[:, 1, 0] = su - u * s
-    normal[:, 0, 2] = normal[:, 2, 0] = sv - v * s
-    normal[:, 1, 1] = suu - 2 * u * su + u * u * s + 0.1
-    normal[:, 1, 2] = normal[:, 2, 1] = suv - u * sv - v * su + u * v * s
-    normal[:, 2, 2] = svv - 2 * v * sv + v * v * s + 0.1
-    return np.asarray(np.linalg.inv(normal), dtype=np.float64)
+    a = s + 1e-12
+    b, c = su - u * s, sv - v * s
+    d = suu - 2 * u * su + u * u * s + 0.1
+    e = suv - u * sv - v * su + u * v * s
+    f = svv - 2 * v * sv + v * v * s + 0.1
+    # By cofactors: LAPACK's own threads would get into the way of those of the areas.
+    aa, ab, ac = d * f - e * e, c * e - b * f, b * e - c * d
+    bb, bc, cc = a * f - c * c, b * c - a * e, a * d - b * b
+    inverse = np.stack([aa, ab, ac, ab, bb, bc, ac, bc, cc], axis=1)
+    inverse /= (a * aa + b * ab + c * ac)[:, None]
+    return inverse.reshape(-1, 3, 3)
 
 
 def _row_median(values: FloatArray, count: IntArray) -> FloatArray:
