@@ -220,7 +220,7 @@ def _inverse_normal(sums: FloatArray, u: FloatArray, v: FloatArray) -> FloatArra
     bb, bc, cc = a * f - c * c, b * c - a * e, a * d - b * b
     inverse = np.stack([aa, ab, ac, ab, bb, bc, ac, bc, cc], axis=1)
     inverse /= (a * aa + b * ab + c * ac)[:, None]
-    return inverse.reshape(-1, 3, 3)
+    return np.asarray(inverse.reshape(-1, 3, 3))
 
 
 def _row_median(values: FloatArray, count: IntArray) -> FloatArray:
