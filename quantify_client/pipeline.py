@@ -112,8 +112,7 @@ def _measure_terrain(
     site, warnings = _window(bounds), list(drawn.warnings)
     areas = drawn.areas
     if places:
-        threads = thread_count(options.threads)
-        streamed = accumulate(source.cloud, frame, places, site, threads, report)
+        streamed = _stream_areas(source, frame, places, site, options, report)
         site = _around(places)
     else:
         streamed, site = _stream_whole(source, frame, site, options, report)
@@ -168,6 +167,26 @@ def _around(places: Sequence[Window]) -> Window:
 
 def _extent(window: Window) -> float:
     return (window.max_x - window.min_x) * (window.max_y - window.min_y)
+
+
+def _stream_areas(
+    source: Source,
+    frame: Frame,
+    places: Sequence[Window],
+    site: Window,
+    options: Options,
+    report: Progress,
+) -> Streamed:
+    """Return the points of the areas in their cells.
+
+    The cells follow the cloud's mean spacing. Far strays or a wrong header make that too large,
+    the cells then crowded: the cloud is read again in cells that fit the areas.
+    """
+    threads = thread_count(options.threads)
+    streamed = accumulate(source.cloud, frame, places, site, threads, report)
+    if streamed.accumulator.crowded:
+        streamed = accumulate(source.cloud, frame, places, _around(places), threads, report)
+    return streamed
 
 
 def _stream_whole(

@@ -22,6 +22,9 @@ MAX_CELLS = 1_000_000
 #: Final cells are this many point spacings wide at the most.
 _SPACINGS_PER_CELL = 4.0
 
+#: Points per occupied cell that cells of half a spacing never have.
+_CROWDED = 16
+
 #: Points that are placed at a time.
 _AT_ONCE = 32_768
 
@@ -118,3 +121,11 @@ class TerrainAccumulator:
         self.sample.absorb(reduced.sample)
         self.seen += reduced.seen
         self.located += reduced.located
+
+    @property
+    def crowded(self) -> bool:
+        """True when finer cells would have been possible and most hold many points."""
+        if self.grid.cell_count > MAX_CELLS / _CROWDED:
+            return False
+        occupied = len(np.unique(self.heights.voxels().number))
+        return self.located > _CROWDED * occupied > 0
