@@ -12,9 +12,10 @@ the spread falls with the block size tells independent noise (as 1 / size) from 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
-from scipy import ndimage, optimize, signal
+from scipy import ndimage, optimize
 
 from ..types import FloatArray, IntArray
 
@@ -233,6 +234,7 @@ def _explain(
     return shares, misfit
 
 
+@lru_cache(maxsize=4096)
 def _together(size: int, length: float, order: int) -> float:
     """Return the mixed difference's variance for correlated noise of variance 1."""
     along = _block_correlation(size, length, order + 1) * np.array(_AUTOCORRELATION[order])
@@ -254,8 +256,8 @@ def functional_std(weights: FloatArray, noise: Noise) -> float:
     lags = int(np.ceil(4 * noise.length / size)) + 2
     g = _block_correlation(size, noise.length, min(lags, max(coarse.shape)))
     line = np.concatenate([g[:0:-1], g])
-    spread = signal.oaconvolve(coarse, line[:, None], mode="same", axes=0)
-    spread = signal.oaconvolve(spread, line[None, :], mode="same", axes=1)
+    spread = ndimage.correlate1d(coarse, line, axis=0, mode="constant")
+    spread = ndimage.correlate1d(spread, line, axis=1, mode="constant")
     together = noise.correlated**2 * float((coarse * spread).sum())
     return float(np.sqrt(independent + max(together, 0.0)))
 
