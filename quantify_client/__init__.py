@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from .errors import QuantifyError
-from .pipeline import describe, measure
-from .report import to_json, write_report
-from .types import AreaFailure, AreaResult, Measurement, Options
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .errors import QuantifyError
+    from .pipeline import describe, measure
+    from .report import to_json, write_report
+    from .types import AreaFailure, AreaResult, Measurement, Options
 
 __all__ = [
     "AreaFailure",
@@ -18,3 +22,14 @@ __all__ = [
     "to_json",
     "write_report",
 ]
+
+_ROOMS = ("errors", "types", "pipeline", "report")
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first used, so that the command starts at once."""
+    for room in _ROOMS if name in __all__ else ():
+        found = getattr(import_module(f".{room}", __name__), name, None)
+        if found is not None:
+            return found
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

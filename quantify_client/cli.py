@@ -203,9 +203,7 @@ def _deliver(measurement: Measurement, given: argparse.Namespace) -> int:
     if given.out is not None:
         with _progress() as progress:
             progress("drawing", 0.0)
-            written = write_report(
-                measurement, given.out, frame=measurement.frame, units=given.units
-            )
+            written = write_report(measurement, given.out, units=given.units)
             progress("drawing", 1.0)
     if given.json:
         print(json.dumps(to_json(measurement), indent=2, allow_nan=False))
@@ -266,7 +264,3 @@ def _progress() -> Iterator[Callable[[str, float], None]]:
             bar.update(stages[stage], completed=share)
 
         yield show
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -17,7 +17,7 @@ import numpy as np
 from .areas import Area, AreaSet, read_areas
 from .choices import check_options, choose_shape
 from .crs import Frame, grid_scale_factor, measuring_frame
-from .errors import QuantifyError
+from .errors import CloudError, QuantifyError
 from .sfm.outputs import Source, open_source
 from .streaming import Progress, Streamed, accumulate, gather, nothing_usable, thread_count
 from .types import AreaFailure, AreaResult, Bounds, Measurement, Options, Window
@@ -113,10 +113,10 @@ def _measure_terrain(
     areas = drawn.areas
     if places:
         streamed = _stream_areas(source, frame, places, site, options, report)
-        site = _around(places)
+        site = Window.around(places)
     else:
         streamed, site = _stream_whole(source, frame, site, options, report)
-        warnings += _strangers(streamed)
+        warnings += _strangers(source.cloud.info.point_count, streamed)
     voxels = streamed.accumulator.heights.voxels()
     if not areas:
         areas = [Area(source.stem, cloud_outline(voxels, streamed.accumulator.grid, site))]
@@ -156,15 +156,6 @@ def _window(bounds: Bounds) -> Window:
     return Window(bounds.min_x, bounds.min_y, bounds.max_x, bounds.max_y)
 
 
-def _around(places: Sequence[Window]) -> Window:
-    return Window(
-        min(place.min_x for place in places),
-        min(place.min_y for place in places),
-        max(place.max_x for place in places),
-        max(place.max_y for place in places),
-    )
-
-
 def _extent(window: Window) -> float:
     return (window.max_x - window.min_x) * (window.max_y - window.min_y)
 
@@ -185,7 +176,8 @@ def _stream_areas(
     threads = thread_count(options.threads)
     streamed = accumulate(source.cloud, frame, places, site, threads, report)
     if streamed.accumulator.crowded:
-        streamed = accumulate(source.cloud, frame, places, _around(places), threads, report)
+        site = Window.around(places)
+        streamed = accumulate(source.cloud, frame, places, site, threads, report)
     return streamed
 
 
@@ -200,6 +192,11 @@ def _stream_whole(
     threads = thread_count(options.threads)
     for _ in range(_PASSES):
         streamed = accumulate(source.cloud, frame, [site], site, threads, report)
+        if not streamed.accumulator.located:
+            raise CloudError(
+                "no point of the cloud lies within the bounds that its header gives; expected all "
+                "of them there: export it again, or draw an area (--area)"
+            )
         heights = streamed.accumulator.heights
         core = core_window(heights.voxels(), heights.grid)
         if _extent(core) > _LEAST_FILLED * _extent(site):
@@ -208,8 +205,12 @@ def _stream_whole(
     return streamed, site
 
 
-def _strangers(streamed: Streamed) -> List[str]:
-    lost = streamed.accumulator.seen - streamed.accumulator.located
+def _strangers(count: Optional[int], streamed: Streamed) -> List[str]:
+    """Say how many points of a whole cloud were not measured; an index does not even show them."""
+    seen = streamed.accumulator.seen
+    if count is not None:
+        seen = count - sum(streamed.left_out.values())
+    lost = seen - streamed.accumulator.located
     if not lost:
         return []
     points = "1 point lies" if lost == 1 else f"{lost} points lie"

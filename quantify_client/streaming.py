@@ -55,7 +55,7 @@ def accumulate(
     count = cloud.info.point_count
     windows = plan_windows(places, bounds, count)
     accumulator = TerrainAccumulator(windows, count, bounds)
-    around = frame.window_to_source(_union([window.window() for window in windows]))
+    around = frame.window_to_source(Window.around([window.window() for window in windows]))
     reading = _Reading(cloud, progress)
 
     def reduce(chunk: Chunk) -> Any:
@@ -107,15 +107,6 @@ class _Reading:
             yield chunk
             read += len(chunk) + sum(chunk.left_out.values())
             self.progress("reading points", min(read / total, 1.0))
-
-
-def _union(windows: Sequence[Window]) -> Window:
-    return Window(
-        min(w.min_x for w in windows),
-        min(w.min_y for w in windows),
-        max(w.max_x for w in windows),
-        max(w.max_y for w in windows),
-    )
 
 
 class _Workers:

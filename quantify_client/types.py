@@ -54,6 +54,16 @@ class Window:
     max_x: float
     max_y: float
 
+    @classmethod
+    def around(cls, windows: Sequence[Window]) -> Window:
+        """Return the smallest window that holds all of these; there must be one."""
+        return cls(
+            min(window.min_x for window in windows),
+            min(window.min_y for window in windows),
+            max(window.max_x for window in windows),
+            max(window.max_y for window in windows),
+        )
+
 
 @dataclass(frozen=True)
 class Chunk:

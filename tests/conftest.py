@@ -1,7 +1,102 @@
-"""What all tests share: the same examples on every run."""
+"""What all tests share: the same examples on every run, and a site to measure."""
 
+import json
+import zipfile
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+from beach import frame_of
+from clouds import write_las
+from commands import PILE, UTM, features
 from hypothesis import settings
+from terrains import EAST, LEVEL, NORTH, Errors, survey
+
+import quantify_client
+from quantify_client.cli import main
 
 # A red build must be red again when it is run again, on any machine however slow.
 settings.register_profile("ci", derandomize=True, deadline=None, print_blob=True)
 settings.load_profile("ci")
+
+SCHEMA = json.loads((Path(quantify_client.__file__).parent / "report/schema.json").read_text())
+DOCUMENT = {
+    *("schema", "source", "crs", "length_unit", "shape", "method", "grid_scale_factor", "scale"),
+    *("results", "warnings", "provenance"),
+}
+RESULT = {
+    *("name", "volume_m3", "cut_m3", "fill_m3", "std_m3", "interval95_m3", "cut_std_m3"),
+    *("cut_interval95_m3", "fill_std_m3", "fill_interval95_m3", "budget", "area_m2"),
+    *("surface_area_m2", "perimeter_m", "min_z_m", "max_z_m", "max_height_m", "coverage"),
+    *("points_used", "points_left_out", "slice_height_m", "slices", "mass_t", "mass_std_t"),
+    *("base", "checks", "warnings"),
+}
+
+
+@pytest.fixture(scope="session")
+def beach():
+    """The measuring frame of the example survey."""
+    return frame_of("EPSG:32615")
+
+
+@pytest.fixture(scope="session")
+def site(tmp_path_factory):
+    """A cone of 268.08 m3 as LAZ in UTM and without a CRS, and its outline."""
+    folder = tmp_path_factory.mktemp("site")
+    points = survey(PILE.height, Errors(0.01, 0.0), 30_000)
+    write_las(folder / "pile.laz", points, crs=UTM)
+    local = points - [EAST, NORTH, LEVEL] + [1000.0, 2000.0, 50.0]
+    np.savetxt(folder / "plain.csv", local, "%.3f", ",", header="x,y,z", comments="")
+    # Coordinates without two alike: rounding them in other units changes no order.
+    body = np.random.default_rng(7).normal(size=(5000, 3))
+    np.savetxt(folder / "body.xyz", body / np.linalg.norm(body, axis=1)[:, None], "%.15f")
+    (folder / "pile.geojson").write_text(features(PILE.area, names=["pile"]))
+    np.save(folder / "points.npy", points)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def project(site, tmp_path_factory):
+    """An ODM project folder, and its all.zip."""
+    root = tmp_path_factory.mktemp("odm") / "quarry"
+    (root / "odm_georeferencing").mkdir(parents=True)
+    model = root / "odm_georeferencing" / "odm_georeferenced_model.laz"
+    write_las(model, np.load(site / "points.npy"))
+    (root / "odm_georeferencing" / "coords.txt").write_text("WGS84 UTM 15N\n500000 5000000\n")
+    with zipfile.ZipFile(root.parent / "all.zip", "w") as archive:
+        for file in sorted((root / "odm_georeferencing").iterdir()):
+            archive.write(file, f"odm_georeferencing/{file.name}")
+        archive.writestr("odm_report/stats.json", "{}")
+    return root
+
+
+@pytest.fixture
+def run(capsys):
+    """Run the command line in this process; return its status, stdout and stderr."""
+
+    def runner(*arguments):
+        status = main([str(argument) for argument in arguments])
+        out, err = capsys.readouterr()
+        return status, out, err
+
+    return runner
+
+
+@pytest.fixture
+def document(run):
+    """Run with --json; check everything that every such run must hold, and return the document."""
+
+    def runner(*arguments, status=0):
+        found, out, err = run(*arguments, "--json")
+        assert found == status, err
+        document = json.loads(out)  # which also refuses anything before or after it
+        jsonschema.Draft202012Validator(SCHEMA).validate(document)
+        assert document.keys() == DOCUMENT
+        for result in document["results"]:
+            assert result.keys() == {"name", "error"} or result.keys() >= RESULT
+        if status == 0:
+            assert err == ""
+        return document
+
+    return runner

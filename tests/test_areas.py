@@ -1,59 +1,30 @@
+"""Polygons into the frame: what can be given, in which coordinates, and under which name."""
+
 import json
 import math
 import re
 import struct
-import sys
-import warnings
 
 import numpy as np
 import pytest
 import shapely
+from beach import BEACH
+from drawn import HOLE, SQUARE, X, Y, collection, feature, lonlat, only, polygon
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from quantify_client.areas import Area, read_areas
-from quantify_client.crs import geometry_to_wgs84, measuring_frame
-from quantify_client.errors import AreaError, MissingExtraError, QuantifyError
+from quantify_client.crs import measuring_frame
+from quantify_client.errors import AreaError
 from quantify_client.types import AreaFailure, Bounds
 
-BEACH = Bounds(576661.975, 5188114.06, 156.06, 576768.247, 5188211.70, 168.92)
-X, Y = 576700.0, 5188140.0
-SQUARE = [[X, Y], [X + 10, Y], [X + 10, Y + 10], [X, Y + 10], [X, Y]]
-HOLE = [[X + 4, Y + 4], [X + 6, Y + 4], [X + 6, Y + 6], [X + 4, Y + 6], [X + 4, Y + 4]]
 UTM15 = {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::32615"}}
 CRS84 = {"type": "name", "properties": {"name": "urn:ogc:def:crs:OGC:1.3:CRS84"}}
 
 
 @pytest.fixture(scope="module")
-def beach():
-    return measuring_frame("EPSG:32615", None, BEACH)
-
-
-@pytest.fixture(scope="module")
 def bare():
     return measuring_frame(None, None, BEACH)
-
-
-def polygon(*rings):
-    return {"type": "Polygon", "coordinates": list(rings) or [SQUARE]}
-
-
-def feature(geometry, **properties):
-    return {"type": "Feature", "properties": properties, "geometry": geometry}
-
-
-def collection(*features, **members):
-    return {"type": "FeatureCollection", "features": list(features), **members}
-
-
-def lonlat(frame, ring=SQUARE):
-    moved = geometry_to_wgs84(shapely.Polygon(ring), frame)
-    return [list(c) for c in moved.exterior.coords]
-
-
-def only(area_set):
-    (area,) = area_set.areas
-    return area
 
 
 # --- what can be given
@@ -348,95 +319,6 @@ def test_features_without_properties_have_names(beach):
     assert only(read_areas(document, beach, BEACH)).name == "area-1"
 
 
-# --- files that are none
-
-
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        (b"", "is empty"),
-        (b" \n", "is empty"),
-        (b"\xef\xbb\xbf", "is empty"),
-        (b"{", "not valid JSON"),
-        (b"hello", "not valid JSON"),
-        (bytes(range(256)), "is not in UTF-8|not valid JSON"),
-        (b"SQLite format 3\x00\x10\x00", "not valid JSON"),
-        ('{"type": "Kücken"}'.encode("latin-1"), "UTF-8"),
-        (b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 1\n", "git lfs pull"),
-        (b"<!DOCTYPE html><html></html>", "web page"),
-        (b"[" * 100_000, "nested too deeply"),
-        (b'{"type":"GeometryCollection","geometries":[' * 30 + b"]}" * 30, "nested too deeply"),
-        (b"9" * 5000, "a number that is none|is not GeoJSON"),
-        (b"null", "is not GeoJSON"),
-        (b"[]", "is not GeoJSON"),
-        (b'{"type": 5}', "is not GeoJSON"),
-        (b'{"type": "Topology"}', "expected a FeatureCollection"),
-        (b'{"type": "FeatureCollection"}', "without 'features'"),
-        (b'{"type": "FeatureCollection", "features": {}}', "without 'features'"),
-        (b'{"type": "FeatureCollection", "features": []}', "holds no polygon"),
-        (b'{"type": "Point", "coordinates": [1, 2]}', "holds no polygon"),
-        (b'{"type": "Feature", "geometry": null, "properties": null}', "holds no polygon"),
-    ],
-)
-def test_file_without_polygons_is_refused_in_one_line(content, words, tmp_path, beach):
-    path = tmp_path / "areas.geojson"
-    path.write_bytes(content)
-    with pytest.raises(AreaError, match=words) as caught:
-        read_areas(path, beach, BEACH)
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("name", ["missing.geojson", "", ".", "n" * 300, "a\x00b"])
-def test_path_that_is_no_file_is_refused(name, tmp_path, beach):
-    with pytest.raises(AreaError, match="not a file|not exist|cannot be read"):
-        read_areas(str(tmp_path) + "/" + name, beach, BEACH)
-
-
-def test_too_large_files_are_refused(tmp_path, beach, monkeypatch):
-    path = tmp_path / "areas.geojson"
-    path.write_text(json.dumps(polygon()))
-    monkeypatch.setattr("quantify_client.geojson.MAX_BYTES", 50)
-    with pytest.raises(AreaError, match="larger than"):
-        read_areas(path, beach, BEACH)
-
-
-def test_too_many_vertices_and_polygons_are_refused(tmp_path, beach, monkeypatch):
-    path = tmp_path / "areas.geojson"
-    path.write_text("[" + "[]," * 3_000_000 + "[]]")
-    with pytest.raises(AreaError, match="more than"):
-        read_areas(path, beach, BEACH)
-    monkeypatch.setattr("quantify_client.geojson.MAX_POLYGONS", 3)
-    with pytest.raises(AreaError, match="more than 3 polygons"):
-        read_areas(collection(*[feature(polygon())] * 4), beach, BEACH)
-    monkeypatch.setattr("quantify_client.geojson.MAX_VERTICES", 12)
-    with pytest.raises(AreaError, match="or 12 vertices"):
-        read_areas(collection(*[feature(polygon())] * 3), beach, BEACH)
-
-
-json_values = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
-    lambda inner: st.lists(inner, max_size=4)
-    | st.dictionaries(
-        st.sampled_from(
-            "type features geometry geometries coordinates properties name crs".split()
-        ),
-        inner | st.sampled_from("FeatureCollection Feature Polygon GeometryCollection".split()),
-        max_size=4,
-    ),
-    max_leaves=20,
-)
-
-
-@settings(deadline=None)
-@given(json_values.filter(lambda value: isinstance(value, dict)))
-def test_no_document_escapes_the_error_tree(document):
-    frame = measuring_frame("EPSG:32615", None, BEACH)
-    try:
-        read_areas(document, frame, BEACH)
-    except QuantifyError as error:
-        assert "\n" not in str(error)  # noqa: PT017
-
-
 @settings(deadline=None)
 @given(
     st.lists(st.tuples(st.floats(0, 90), st.floats(0, 80)), min_size=3, max_size=12, unique=True)
@@ -449,70 +331,3 @@ def test_area_through_wgs84_is_what_was_drawn(corners):
         return
     area = only(read_areas(polygon(lonlat(frame, hull.exterior.coords)), frame, BEACH))
     assert area.polygon.area == pytest.approx(hull.area, abs=2e-4 * hull.length)
-
-
-# --- other formats
-
-
-def ignore_missing_crs(write):
-    def quietly(*args, **kwargs):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # pyogrio: 'crs' was not provided
-            write(*args, **kwargs)
-
-    return quietly
-
-
-def test_other_formats_need_the_extra(tmp_path, beach, monkeypatch):
-    path = tmp_path / "areas.gpkg"
-    path.write_bytes(b"SQLite format 3\x00")
-    monkeypatch.setitem(sys.modules, "pyogrio", None)
-    with pytest.raises(MissingExtraError, match=r"pip install 'quantify-client\[vector\]'"):
-        read_areas(path, beach, BEACH)
-
-
-@pytest.mark.parametrize(
-    ("suffix", "driver", "crs"),
-    [
-        (".shp", "ESRI Shapefile", "EPSG:32615"),
-        (".shp", "ESRI Shapefile", None),
-        (".gpkg", "GPKG", "EPSG:32615"),
-        (".gpkg", "GPKG", "EPSG:4326"),
-        (".fgb", "FlatGeobuf", "EPSG:32615"),
-        (".kml", "KML", "EPSG:4326"),
-    ],
-)
-def test_vector_formats(suffix, driver, crs, tmp_path, beach):
-    raw = pytest.importorskip("pyogrio.raw")
-    ring = lonlat(beach) if crs == "EPSG:4326" else SQUARE
-    path = tmp_path / f"areas{suffix}"
-    geometry = np.array([shapely.to_wkb(shapely.Polygon(ring))], dtype=object)
-    names = [np.array(["Pile"], dtype=object)]
-    write = ignore_missing_crs(raw.write) if crs is None else raw.write
-    write(path, geometry, names, ["Name"], geometry_type="Polygon", driver=driver, crs=crs)
-    area_set = read_areas(path, beach, BEACH)
-    assert only(area_set).name == "Pile"
-    assert only(area_set).polygon.symmetric_difference(shapely.Polygon(SQUARE)).area < 1e-3
-    assert bool(area_set.warnings) == (crs is None)
-
-
-def test_dxf_closed_polyline_is_a_polygon(tmp_path, beach):
-    raw = pytest.importorskip("pyogrio.raw")
-    path = tmp_path / "areas.dxf"
-    lines = [shapely.to_wkb(shapely.LineString(SQUARE)), shapely.to_wkb(shapely.Point(X, Y))]
-    ignore_missing_crs(raw.write)(
-        path, np.array(lines, dtype=object), [], [], geometry_type="Unknown", driver="DXF", crs=None
-    )
-    square, point = read_areas(path, beach, BEACH).areas
-    assert square.polygon.area == pytest.approx(100)
-    assert "is a Point" in point.error
-
-
-@pytest.mark.parametrize("suffix", [".shp", ".gpkg", ".kml", ".dxf", ".fgb"])
-def test_broken_vector_files_are_refused_in_one_line(suffix, tmp_path, beach):
-    pytest.importorskip("pyogrio")
-    path = tmp_path / f"areas{suffix}"
-    path.write_bytes(b"\x00\x01 not what it says" * 50)
-    with pytest.raises(AreaError) as caught:
-        read_areas(path, beach, BEACH)
-    assert "\n" not in str(caught.value)

@@ -9,8 +9,9 @@ import threading
 import numpy as np
 import pytest
 import shapely
-from clouds import write_las, write_ply
-from terrains import LEVEL, Errors, circle, cone, flat, placed, survey
+from clouds import write_copc, write_las, write_ply
+from commands import PILE, UTM
+from terrains import LEVEL, Errors, circle, placed, survey
 
 import quantify_client
 from quantify_client import AreaFailure, describe, measure, to_json
@@ -18,9 +19,7 @@ from quantify_client.errors import CloudError, SupportError, UsageError
 from quantify_client.streaming import thread_count
 from quantify_client.volcalc.integrate import above_mask
 
-PILE = cone(radius=8.0, top=4.0).on(flat)
 POINTS = np.round(survey(PILE.height, Errors(0.01, 0.0), 30_000), 3)
-UTM = "EPSG:32615"
 
 
 @pytest.fixture(scope="module")
@@ -141,6 +140,12 @@ def test_one_stray_point_changes_nothing(where, cloud, tmp_path):
         if where[:2] != (0, 0):
             far = "1 point lies far from nearly all others"
             assert any(far in warning for warning in dirty.warnings) == (area is None)
+
+
+def test_a_stray_that_an_index_never_shows_is_counted_too(tmp_path):
+    path = write_copc(tmp_path / "a.copc.laz", np.vstack([POINTS, POINTS[:1] + (1e6, 0, 0)]))
+    (said,) = [w for w in measure(path, shape="terrain").warnings if "far from nearly" in w]
+    assert said.startswith("1 point lies")
 
 
 def test_noise_and_withheld_points_are_counted(tmp_path):

@@ -12,14 +12,13 @@ import zipfile
 import numpy as np
 import pytest
 from clouds import write_las, write_ply, write_text
+from commands import PILE, UTM, features
 from shapely.geometry import Polygon, box, mapping
-from terrains import EAST, NORTH, Errors, circle, cone, flat, placed, survey
+from terrains import EAST, NORTH, Errors, circle, placed, survey
 
 from quantify_client.cli import main
 
-PILE = cone(radius=8.0, top=4.0).on(flat)
 POINTS = survey(PILE.height, Errors(0.01, 0.0), 20_000)
-UTM = "EPSG:32615"
 POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n"
 PAGE = "<!DOCTYPE html>\n<html><head><title>Log in</title></head></html>\n"
 HEAD = "ply\nformat ascii 1.0\nelement vertex 4\n"
@@ -54,16 +53,7 @@ def archive(path, members):
 
 def geojson(path, *polygons, crs=UTM):
     """Write polygons; without a CRS when `crs` is None."""
-    document = {
-        "type": "FeatureCollection",
-        "features": [
-            {"type": "Feature", "properties": {}, "geometry": mapping(polygon)}
-            for polygon in polygons
-        ],
-    }
-    if crs:
-        document["crs"] = {"type": "name", "properties": {"name": crs}}
-    path.write_text(json.dumps(document))
+    path.write_text(features(*polygons, crs=crs))
     return path
 
 
@@ -87,6 +77,16 @@ def truncated(folder):
 def cut(folder, size):
     path = write_las(folder / "cut.las", POINTS)
     path.write_bytes(path.read_bytes()[:size])
+    return path
+
+
+def shifted_bounds(folder):
+    """A cloud whose header gives bounds a thousand kilometres from its points."""
+    path = write_las(folder / "shifted.las", POINTS, crs=UTM)
+    data = bytearray(path.read_bytes())
+    bounds = np.frombuffer(data, "<f8", 6, offset=179)
+    data[179:227] = (bounds + 1e6).tobytes()
+    path.write_bytes(data)
     return path
 
 
@@ -121,6 +121,10 @@ CLOUDS = {
     "truncated LAZ": (truncated, r"short\.laz: is truncated.*copy, download or export it again"),
     "truncated LAS": (lambda folder: cut(folder, 5000), r"cut\.las.*20000 points.*download"),
     "truncated header": (lambda folder: cut(folder, 150), r"cut\.las.*download or export it again"),
+    "bounds elsewhere": (
+        shifted_bounds,
+        "no point .* the bounds .* header.*export it again",
+    ),
     "pointer": (written("lfs.laz", POINTER), "Git LFS pointer.*git lfs pull"),
     "pointer as text": (written("lfs.txt", POINTER), "Git LFS pointer.*git lfs pull"),
     "web page": (written("all.zip", PAGE), r"all\.zip: is a web page.*log in.*download"),
@@ -351,7 +355,7 @@ def test_escape_codes_in_names_do_not_reach_the_terminal(tmp_path, refused):
 
 def test_one_line_in_a_process_of_its_own_too(tmp_path):
     (tmp_path / "lfs.laz").write_text(POINTER)
-    command = [sys.executable, "-m", "quantify_client.cli", "volume", str(tmp_path / "lfs.laz")]
+    command = [sys.executable, "-m", "quantify_client", "volume", str(tmp_path / "lfs.laz")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr.count("\n") == 1

@@ -48,7 +48,7 @@ def _read_window(layout: LasLayout, window: Window, size: int) -> Iterator[Chunk
     with stream:
         with naming(layout.path, AGAIN):
             nodes = _index(layout, stream)
-        nodes = nodes[[touches(_box(layout, node["key"]), window) for node in nodes]]
+            nodes = nodes[[touches(_box(layout, node["key"]), window) for node in nodes]]
         nodes = nodes[np.argsort(nodes["offset"])]
         for batch in _batches(nodes, size):
             with naming(layout.path, AGAIN):
@@ -119,4 +119,4 @@ def _decompress(layout: LasLayout, stream: BinaryIO, nodes: Nodes) -> npt.NDArra
 def open_las(path: Path) -> LasCloud:
     """Open a LAS, LAZ or COPC file, by what it is rather than by its name."""
     layout = read_layout(path)
-    return CopcCloud(path, layout) if is_copc(layout) else LasCloud(path, layout)
+    return CopcCloud(layout) if is_copc(layout) else LasCloud(layout)

@@ -19,7 +19,7 @@ from ..errors import CloudError
 from ..types import Chunk, CloudInfo, FloatArray, Window
 from .base import DEFAULT_CHUNK, naming, sort_out, survey
 from .las_crs import crs_of
-from .las_header import AGAIN, LasLayout, read_layout
+from .las_header import AGAIN, LasLayout
 
 Bytes = npt.NDArray[np.uint8]
 SELECTION = (
@@ -35,8 +35,8 @@ _EXTENDED = 6  # first point format with the class and the flags in bytes of the
 class LasCloud:
     """One LAS or LAZ file."""
 
-    def __init__(self, path: Path, layout: Optional[LasLayout] = None) -> None:
-        self._layout = layout or read_layout(path)
+    def __init__(self, layout: LasLayout) -> None:
+        self._layout, path = layout, layout.path
         found = crs_of(self._layout.header)
         bounds, warnings = self._layout.bounds, found.warnings
         if bounds is None and self._layout.count:
@@ -60,7 +60,7 @@ class LasCloud:
         return read_points(self._layout, size)
 
 
-def read_points(layout: LasLayout, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
+def read_points(layout: LasLayout, size: int) -> Iterator[Chunk]:
     """Deliver the points of one file in chunks of at most `size`.
 
     Raises

@@ -1,6 +1,6 @@
 """The coordinate reference system of a LAS file: a WKT record, or GeoTIFF keys.
 
-Only what the records say is handed on, as text; :mod:`quantify_client.crs` interprets it.
+What the records say is handed on as text; :mod:`quantify_client.crs` interprets it.
 """
 
 from __future__ import annotations
@@ -8,6 +8,8 @@ from __future__ import annotations
 import math
 from typing import Any, Dict, Optional, Tuple, Union
 
+from ..crs.projection import CRS, horizontal_wkt, parse
+from ..errors import CrsError
 from .base import Remarks
 
 Value = Union[int, float]
@@ -37,7 +39,7 @@ def crs_of(header: Any) -> Remarks:
             text = record.string.strip("\0 \t\r\n")
             if not text:
                 continue
-            if _parsed(record) is not None:
+            if _known(text) is not None:
                 return Remarks(text, "LAS WKT record", warnings)
             warnings += (
                 "the CRS record (WKT) of the cloud cannot be understood and is not used: "
@@ -45,15 +47,15 @@ def crs_of(header: Any) -> Remarks:
             )
     keys = _geo_keys(records)
     if keys:
-        crs, more = _from_keys(keys, records)
+        crs, more = _from_keys(keys)
         return Remarks(crs, "GeoTIFF keys" if crs else None, warnings + more)
     return Remarks(None, None, warnings)
 
 
-def _parsed(record: Any) -> Optional[Any]:
+def _known(text: str) -> Optional[CRS]:
     try:
-        return record.parse_crs()
-    except Exception:  # the libraries below raise several unrelated types
+        return parse(text)
+    except CrsError:
         return None
 
 
@@ -63,7 +65,7 @@ def _geo_keys(records: Any) -> Dict[int, Value]:
     keys: Dict[int, Value] = {}
     for record in records:
         if type(record).__name__ == "GeoDoubleParamsVlr":
-            doubles = tuple(float(value) for value in record.doubles)
+            doubles = tuple(number.value for number in record.doubles)
     for record in records:
         if type(record).__name__ != "GeoKeyDirectoryVlr":
             continue
@@ -72,24 +74,24 @@ def _geo_keys(records: Any) -> Dict[int, Value]:
                 keys[key.id] = int(key.value_offset)
             elif key.tiff_tag_location == _DOUBLES and key.value_offset < len(doubles):
                 keys[key.id] = doubles[key.value_offset]
-    return keys
+    return {key: value for key, value in keys.items() if math.isfinite(value)}
 
 
-def _from_keys(keys: Dict[int, Value], records: Any) -> Tuple[Optional[str], Tuple[str, ...]]:
+def _from_keys(keys: Dict[int, Value]) -> Tuple[Optional[str], Tuple[str, ...]]:
     projected = keys.get(_PROJECTED, 0)
     if projected == _USER_DEFINED or (not projected and keys.get(_MODEL) == 1):
         return _user_defined(keys)
     code = projected or keys.get(_GEOGRAPHIC, 0)
     if not code or code == _USER_DEFINED:
         return None, ("the GeoTIFF keys of the cloud name no CRS; it is taken to have none",)
-    directory = next(r for r in records if type(r).__name__ == "GeoKeyDirectoryVlr")
-    known = _parsed(directory)
+    name = f"EPSG:{code}"
+    known = _known(name)
     if known is None:
-        return None, (f"the GeoTIFF keys of the cloud name EPSG:{code}, which is not known here",)
-    return _with_height(f"EPSG:{code}", known, keys), ()
+        return None, (f"the GeoTIFF keys of the cloud name {name}, which is not known here",)
+    return _with_height(name, known, keys), ()
 
 
-def _with_height(horizontal: str, known: Any, keys: Dict[int, Value]) -> str:
+def _with_height(horizontal: str, known: CRS, keys: Dict[int, Value]) -> str:
     """Add what the keys say of heights: their unit first, since volumes hang on it."""
     unit = keys.get(_VERTICAL_UNIT)
     if unit in _UNITS:
@@ -99,18 +101,13 @@ def _with_height(horizontal: str, known: Any, keys: Dict[int, Value]) -> str:
         ):
             return horizontal
         return (
-            f'COMPD_CS["{known.name} + height",{known.to_wkt("WKT1_GDAL")},'
-            'VERT_CS["height",VERT_DATUM["unknown",2005],'
-            f'UNIT["{name}",{factor}],AXIS["Up",UP]]]'
+            f'COMPOUNDCRS["{known.name} + height",{horizontal_wkt(horizontal)},'
+            'VERTCRS["height",VDATUM["unknown"],CS[vertical,1],AXIS["up",up],'
+            f'LENGTHUNIT["{name}",{factor}]]]'
         )
-    vertical = keys.get(_VERTICAL, 0)
-    if vertical and vertical != _USER_DEFINED:
-        try:
-            compound: str = known.from_user_input(f"{horizontal}+{int(vertical)}").to_wkt()
-        except Exception:  # many files hold codes of datums here, which say nothing of units
-            return horizontal
-        return compound
-    return horizontal
+    compound = f"{horizontal}+{keys.get(_VERTICAL, 0)}"
+    # Many files hold codes of datums here, which say nothing of units.
+    return horizontal if _known(compound) is None else compound
 
 
 def _user_defined(keys: Dict[int, Value]) -> Tuple[Optional[str], Tuple[str, ...]]:

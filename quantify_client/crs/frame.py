@@ -8,7 +8,7 @@ own datum. z is never sent through a datum: it is only brought to metres.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, List, Optional, Sequence, Tuple
 
 import numpy as np
@@ -184,7 +184,7 @@ def _frame_without_crs(source_unit: Optional[str]) -> Frame:
 
 
 def _local_frame(crs: CRS, vertical: Any, source_unit: Optional[str]) -> Frame:
-    """Frame of a site grid: it has a unit, and no place on the Earth."""
+    """Frame of a plane that has a unit, and no place on the Earth: a site grid."""
     notes: List[str] = []
     unit_m = _length_unit(crs.axis_info[0], source_unit)
     z_unit_m = _z_unit(vertical, unit_m, crs, notes)
@@ -192,17 +192,8 @@ def _local_frame(crs: CRS, vertical: Any, source_unit: Optional[str]) -> Frame:
 
 
 def _projected_frame(horizontal: CRS, vertical: Any, source_unit: Optional[str]) -> Frame:
-    notes: List[str] = []
-    unit_m = _length_unit(horizontal.axis_info[0], source_unit)
-    z_unit_m = _z_unit(vertical, unit_m, horizontal, notes)
-    return Frame(
-        identifier(horizontal),
-        "m",
-        tuple(notes),
-        grid_crs=horizontal.to_wkt(),
-        unit_m=unit_m,
-        z_unit_m=z_unit_m,
-    )
+    plane = _local_frame(horizontal, vertical, source_unit)
+    return replace(plane, crs=identifier(horizontal), grid_crs=horizontal.to_wkt())
 
 
 def _geographic_frame(

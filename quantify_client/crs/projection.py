@@ -58,7 +58,7 @@ def parse(text: str) -> CRS:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # "+init= is deprecated"
             return CRS.from_user_input(text)
-    except (ProjError, ValueError, TypeError) as error:
+    except (ProjError, ValueError, TypeError, RecursionError) as error:  # JSON may be nested
         raise CrsError(
             f"unknown CRS {short(text)!r}: expected EPSG:n, WKT or a PROJ string"
         ) from error

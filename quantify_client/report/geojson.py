@@ -41,13 +41,14 @@ FLAT_KEYS = (
 )
 
 
-def to_geojson(measurement: Measurement, frame: Optional[Frame] = None) -> Dict[str, Any]:
+def to_geojson(measurement: Measurement) -> Dict[str, Any]:
     """Return a FeatureCollection: a feature for each result, failures with geometry null.
 
     Longitude and latitude of WGS 84, outer rings counter-clockwise. Without a CRS the cloud's
     own coordinates, which RFC 7946 does not know: the collection and each feature then say so
     in ``coordinate_reference``.
     """
+    frame: Optional[Frame] = measurement.frame
     if frame is None or frame.crs is None:
         frame, remark = None, CLOUD_COORDINATES
     else:

@@ -31,8 +31,6 @@ __all__ = [
     "ticks",
 ]
 
-Axes = Any  # matplotlib ships no types for the oldest version supported
-
 CUT = "#b5502f"  # above the base: earth
 FILL = "#2f6fae"  # below it: water
 BODY = "#5d7a6a"  # a body that has neither

@@ -114,11 +114,11 @@ def contour_levels(slices: List[Slice], above_base_m: FloatArray) -> List[float]
     return [z for z in evenly(sorted(edges), CONTOURS) if low < z < high and abs(z) > 1e-6]
 
 
-def outline(axes: Any, polygon: Any, colour: str = BASE) -> None:
+def outline(axes: Any, polygon: Any) -> None:
     """Draw all rings of a polygon, holes included, dark on a light halo."""
     path = drawn_path(polygon)
-    for colour_, width in (("white", 3.4), (colour, 1.6)):
-        axes.add_patch(PathPatch(path, fill=False, edgecolor=colour_, linewidth=width))
+    for colour, width in (("white", 3.4), (BASE, 1.6)):
+        axes.add_patch(PathPatch(path, fill=False, edgecolor=colour, linewidth=width))
 
 
 def drawn_path(polygon: Any) -> DrawnPath:

@@ -9,7 +9,7 @@ import re
 import shutil
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING, Dict, Iterator, List, Optional
+from typing import Dict, Iterator, List, Optional, Union
 
 from ..errors import OutputError
 from ..types import AreaResult, Measurement
@@ -19,9 +19,6 @@ from .jsonout import to_json
 from .units import Units, display_units
 from .words import printable, slug
 
-if TYPE_CHECKING:
-    from ..crs import Frame
-
 __all__ = ["require_writable", "write_report"]
 
 OUR_PICTURES = re.compile(r"(area-\d{2,}-[a-z0-9-]+|overview)\.png")
@@ -30,19 +27,14 @@ HEAD_BYTES = 1024
 
 
 def write_report(
-    measurement: Measurement,
-    out: Path,
-    *,
-    frame: Optional[Frame] = None,
-    units: str = "metric",
+    measurement: Measurement, out: Union[str, Path], *, units: str = "metric"
 ) -> List[Path]:
     """Write report.json, slices.csv, areas.geojson, the pictures and report.html into a folder.
 
     What an earlier run left is replaced only when everything new exists. Pictures of ours that
     this run has no use for are removed, files of others are left alone.
 
-    `out` is made when missing; `frame` is the measuring frame, for the coordinates in
-    areas.geojson; `units` of what people read is ``"metric"`` or ``"us"``.
+    `out` is made when missing; `units` of what people read is ``"metric"`` or ``"us"``.
 
     Returns
     -------
@@ -51,7 +43,7 @@ def write_report(
     shown = display_units(measurement, units)
     out = Path(out)
     with _explaining(out), _staging(out) as staging:
-        names = _write_all(measurement, staging, frame, shown)
+        names = _write_all(measurement, staging, shown)
         _put_in_place(staging, out, names)
     return [out / name for name in names]
 
@@ -103,13 +95,11 @@ def _staging(out: Path) -> Iterator[Path]:
         raise
 
 
-def _write_all(
-    measurement: Measurement, staging: Path, frame: Optional[Frame], units: Units
-) -> List[str]:
+def _write_all(measurement: Measurement, staging: Path, units: Units) -> List[str]:
     _write_json(staging / "report.json", to_json(measurement))
     with (staging / "slices.csv").open("w", encoding="utf-8", newline="") as file:
         write_slices(measurement, file)
-    _write_json(staging / "areas.geojson", to_geojson(measurement, frame))
+    _write_json(staging / "areas.geojson", to_geojson(measurement))
     pictures = _draw_areas(measurement, staging, units)
     overview = _draw_overview(measurement, staging, units)
     from .htmlout import render_html

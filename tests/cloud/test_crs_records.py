@@ -68,6 +68,13 @@ def test_height_unit_of_geotiff_keys_is_kept(tmp_path: Path) -> None:
     assert crs.sub_crs_list[1].to_epsg() == 5703
 
 
+def test_height_unit_is_kept_where_old_wkt_cannot_say_the_rest(tmp_path: Path) -> None:
+    """EPSG:4979 has three axes, EPSG:5041 points north along meridians: WKT 1 has neither."""
+    for code in (4979, 5041):
+        crs = pyproj.CRS(_info(tmp_path, {1024: 1, 3072: code, 4099: 9003}).crs)
+        assert crs.axis_info[2].unit_name == "US survey foot"
+
+
 def test_feet_without_height_keys_stay_a_plain_code(tmp_path: Path) -> None:
     assert _info(tmp_path, {1024: 1, 3072: 2277, 4099: 9003}).crs == "EPSG:2277"
 
@@ -86,11 +93,30 @@ def test_unit_of_a_user_defined_projection_is_kept(tmp_path: Path) -> None:
     assert "user-defined" in info.warnings[0]
 
 
+@pytest.mark.parametrize(("size", "factor"), [(0.9144, 0.9144), (float("nan"), None)])
+def test_unit_may_be_a_number_among_the_doubles(
+    size: float, factor: object, tmp_path: Path
+) -> None:
+    keys = [(1024, 0, 1), (3072, 0, 32767), (3076, 0, 32767), (3077, 34736, 0)]
+    data = struct.pack("<4H", 1, 1, 0, len(keys))
+    data += b"".join(struct.pack("<4H", key, where, 1, value) for key, where, value in keys)
+    vlrs = [
+        laspy.VLR("LASF_Projection", 34735, "", data),
+        laspy.VLR("LASF_Projection", 34736, "", struct.pack("<d", size)),
+    ]
+    crs = open_cloud([write_las(tmp_path / "a.laz", points(10), vlrs=vlrs)]).info.crs
+    assert (crs and pyproj.CRS(crs).axis_info[0].unit_conversion_factor) == factor
+
+
 def test_what_cannot_be_understood_is_a_warning(tmp_path: Path) -> None:
     info = _info(tmp_path, {1024: 1, 2048: 4269, 3072: 32767})
     assert (info.crs, len(info.warnings)) == (None, 1)
     assert _info(tmp_path, {1024: 1, 3072: 1030}).crs is None
-    bad = laspy.VLR("LASF_Projection", 2112, "", b"PROJCS[nonsense")
+
+
+@pytest.mark.parametrize("text", [b"PROJCS[nonsense", b'{"a":' * 10_000])
+def test_wkt_that_is_none_is_a_warning(text: bytes, tmp_path: Path) -> None:
+    bad = laspy.VLR("LASF_Projection", 2112, "", text)
     info = open_cloud([write_las(tmp_path / "b.laz", points(10), 6, "1.4", vlrs=[bad])]).info
     assert (info.crs, len(info.warnings)) == (None, 1)
 

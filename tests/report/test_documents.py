@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 import shapely
 
+from quantify_client.crs import Frame
 from quantify_client.errors import CrsError
 from quantify_client.report import geojson, to_json
 from quantify_client.report.csvout import write_slices
@@ -176,7 +177,7 @@ def signed_area(ring: Any) -> float:
 def test_geojson_is_wgs84_with_right_hand_rings(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(geojson, "_to_wgs84", shrink)
     frame: Any = SimpleNamespace(crs="EPSG:32615")
-    collection = geojson.to_geojson(surveys.everything(), frame)
+    collection = geojson.to_geojson(dataclasses.replace(surveys.everything(), frame=frame))
     assert set(collection) == {"type", "features"}
     outer, hole = collection["features"][0]["geometry"]["coordinates"]
     assert signed_area(outer) > 0 > signed_area(hole)
@@ -217,7 +218,9 @@ def test_geojson_of_a_crs_that_cannot_be_transformed_keeps_the_polygons(
 
     monkeypatch.setattr(geojson, "_to_wgs84", refuse)
     frame: Any = SimpleNamespace(crs="LOCAL")
-    collection = geojson.to_geojson(surveys.measurement(surveys.pile()), frame)
+    collection = geojson.to_geojson(
+        dataclasses.replace(surveys.measurement(surveys.pile()), frame=frame)
+    )
     assert collection["coordinate_reference"] == "cloud coordinates: an engineering CRS"
     assert collection["features"][0]["geometry"]["coordinates"][0][0][0] > surveys.EASTING
 
@@ -234,9 +237,10 @@ def test_multipolygons_stay_whole() -> None:
 
 @pytest.mark.parametrize("name", ["pile"])
 def test_real_projection_lands_on_the_beach(name: str) -> None:
-    crs = pytest.importorskip("quantify_client.crs")
-    frame = crs.Frame(crs="EPSG:32615", length_unit="m")
-    collection = geojson.to_geojson(surveys.measurement(surveys.pile(name)), frame)
+    frame = Frame(crs="EPSG:32615", length_unit="m")
+    collection = geojson.to_geojson(
+        dataclasses.replace(surveys.measurement(surveys.pile(name)), frame=frame)
+    )
     lon, lat = collection["features"][0]["geometry"]["coordinates"][0][0]
     assert lon == pytest.approx(-91.99, abs=0.02)
     assert lat == pytest.approx(46.84, abs=0.02)

@@ -1,0 +1,33 @@
+"""What tests of the command line share: a pile, its outline, and what they look at."""
+
+import json
+
+from shapely.geometry import mapping
+from terrains import cone, flat
+
+PILE = cone(radius=8.0, top=4.0).on(flat)
+UTM = "EPSG:32615"
+
+
+def features(*polygons, names=(), crs=UTM):
+    """A GeoJSON text with one feature for each polygon."""
+    names = [*names, *[None] * len(polygons)]
+    document = {
+        "type": "FeatureCollection",
+        "features": [
+            {
+                "type": "Feature",
+                "properties": {} if name is None else {"name": name},
+                "geometry": mapping(polygon),
+            }
+            for polygon, name in zip(polygons, names)
+        ],
+    }
+    if crs:
+        document["crs"] = {"type": "name", "properties": {"name": crs}}
+    return json.dumps(document)
+
+
+def only(document):
+    (result,) = document["results"]
+    return result

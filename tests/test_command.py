@@ -1,0 +1,216 @@
+"""The command as a whole: wrong usage, info and demo, the files it writes, and its process."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from commands import UTM, only
+from terrains import EAST
+
+from quantify_client.__main__ import main as start
+
+# --- wrong usage
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ("--slices 5 --slice-height 0.1", "--slices and --slice-height exclude each other"),
+        ("--shape terrain --method polar", "--method and --center-caps go with --shape object"),
+        ("--base plane --center-caps", "--base with terrain"),
+        ("--shape object --base plane", "--base goes with --shape terrain"),
+        ("--shape object --area AREA", "--area goes with --shape terrain"),
+        ("--base plateau", "give triangulate, plane, average, lowest, highest, compare or"),
+        ("--base nan", "no elevation"),
+        ("--slices 0", "give auto or 1 to 10000"),
+        ("--slices many", "not auto or a whole number"),
+        ("--slice-height 0", "give a length above 0"),
+        ("--slice-height inf", "give a length above 0"),
+        ("--density 0", "above 0"),
+        ("--density nan", "above 0"),
+        ("--density 1:-1", "not 0 or more"),
+        ("--density x", "T_PER_M3"),
+        ("--threads 0", "not from 1 to 256"),
+        ("--units imperial", "invalid choice"),
+        ("--method section", "invalid choice"),
+        ("--fence 3", "unrecognized arguments"),
+    ],
+)
+def test_wrong_usage_is_status_2(options, said, site, run):
+    options = options.replace("AREA", str(site / "pile.geojson")).split()
+    status, out, err = run("volume", site / "pile.laz", *options)
+    assert (status, out) == (2, "")
+    assert said in " ".join(err.split())
+    assert "Traceback" not in err
+
+
+@pytest.mark.parametrize("arguments", [[], ["volume"], ["measure", "x.laz"], ["info"]])
+def test_incomplete_commands_are_status_2(arguments, run):
+    status, out, err = run(*arguments)
+    assert (status, out) == (2, "")
+    assert "usage: quantify-client" in err
+
+
+def test_help_is_status_0(run):
+    for command in ([], ["volume"], ["info"], ["demo"]):
+        status, out, err = run(*command, "--help")
+        assert (status, err) == (0, "")
+        assert out.startswith("usage: quantify-client")
+
+
+# --- info and demo
+
+
+def test_info_tells_what_is_in_there(site, run):
+    status, out, err = run("info", site / "pile.laz", "--json")
+    assert (status, err) == (0, "")
+    told = json.loads(out)
+    assert (told["points"], told["format"], told["crs"]) == (30_000, "laz", UTM)
+    assert told["mean_spacing_m"] == pytest.approx(40 / math.sqrt(30_000), rel=0.01)
+    assert told["bounds"]["max_x"] == pytest.approx(EAST + 40, abs=0.01)
+    assert told["files"][0]["path"] == str(site / "pile.laz")
+    status, out, _ = run("info", site / "pile.laz")
+    assert status == 0
+    assert UTM in out
+    assert "30000" in out
+
+
+def test_info_of_an_archive_names_the_archive(project, run):
+    told = json.loads(run("info", project.parent / "all.zip", "--json")[1])
+    assert told["odm"] is True
+    assert (told["crs"], told["crs_origin"]) == (UTM, "coords.txt")
+    assert [file["path"] for file in told["files"]] == [str(project.parent / "all.zip")]
+
+
+def test_demo_measures_the_bundled_cloud(document, tmp_path):
+    told = document("demo", "--out", tmp_path / "demo")
+    names = [result["name"] for result in told["results"]]
+    assert names == ["round structure", "red car", "white car", "grassy hollow"]
+    net = [result["volume_m3"] for result in told["results"]]
+    assert net[1] == pytest.approx(8.6, abs=0.9)
+    assert net[2] == pytest.approx(8.4, abs=0.9)
+    assert net[3] < 0 < net[0]
+    assert (tmp_path / "demo/report.html").stat().st_size > 100_000
+
+
+# --- files
+
+
+def contents(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_out_holds_every_file_of_the_report(site, tmp_path, document):
+    where = ("volume", site / "pile.laz", "--area", site / "pile.geojson")
+    told = document(*where, "--out", tmp_path / "a/b")
+    names = ["area-01-pile.png", "areas.geojson", "report.html", "report.json"]
+    assert sorted(contents(tmp_path / "a/b")) == [*names, "slices.csv"]
+    assert json.loads((tmp_path / "a/b/report.json").read_text()) == told
+
+
+def test_earlier_results_stay_until_new_ones_are_complete(site, tmp_path, run, monkeypatch):
+    out = tmp_path / "out"
+    where = ("volume", site / "pile.laz", "--area", site / "pile.geojson")
+    assert run(*where, "--out", out)[0] == 0
+    before = contents(out)
+
+    (tmp_path / "short.laz").write_bytes((site / "pile.laz").read_bytes()[:-5000])
+    assert run("volume", tmp_path / "short.laz", "--out", out)[0] == 1
+    assert contents(out) == before
+
+    def full(*args):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("quantify_client.report.pictures.area_picture", full)
+    status, _, err = run(*where, "--out", out)
+    assert (status, err.count("\n")) == (1, 1)
+    assert "No space left on device" in err
+    assert contents(out) == before
+
+    def stopped(*args):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("quantify_client.report.pictures.area_picture", stopped)
+    status, _, err = run(*where, "--out", out)
+    assert (status, err.count("\n")) == (130, 1)
+    assert contents(out) == before
+
+
+# --- as a process of its own
+
+COMMAND = [sys.executable, "-m", "quantify_client"]
+
+
+def test_a_process_says_the_same(site):
+    where = [*COMMAND, "volume", site / "pile.laz", "--area", site / "pile.geojson", "--json"]
+    done = subprocess.run(where, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert only(json.loads(done.stdout))["name"] == "pile"
+
+
+def test_a_reader_that_goes_away_is_no_fault(site):
+    process = subprocess.Popen(
+        [*COMMAND, "info", site / "pile.laz"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    process.stdout.close()
+    assert process.stderr.read() == b""
+    process.stderr.close()
+    assert process.wait() == 1
+
+
+def opened(process, path):
+    """Whether a process has a file open (Linux)."""
+    links = Path(f"/proc/{process.pid}/fd").glob("*")
+    return any(os.path.realpath(link) == str(path) for link in links)
+
+
+class Interrupted:
+    """Reading the command line's module meets Ctrl-C."""
+
+    @staticmethod
+    def find_spec(name, *where):
+        if name == "quantify_client.cli":
+            raise KeyboardInterrupt
+
+
+def test_ctrl_c_while_it_starts_is_one_line_too(monkeypatch, capsys):
+    monkeypatch.delitem(sys.modules, "quantify_client.cli")
+    monkeypatch.setattr(sys, "meta_path", [Interrupted, *sys.meta_path])
+    assert start() == 130
+    assert capsys.readouterr() == ("", "quantify-client: error: interrupted\n")
+
+
+def test_nothing_slow_is_read_before_ctrl_c_is_caught():
+    code = "import sys, quantify_client.__main__; sys.exit('numpy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="needs /proc")
+def test_ctrl_c_ends_it_at_once_and_leaves_nothing(site, tmp_path):
+    block = (site / "plain.csv").read_bytes().split(b"\n", 1)[1]
+    cloud, out = tmp_path.resolve() / "long.csv", tmp_path / "out"
+    cloud.write_bytes(block * 80)
+    process = subprocess.Popen(
+        [*COMMAND, "volume", cloud, "--shape", "terrain", "--out", out],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    deadline = time.monotonic() + 60
+    while not opened(process, cloud):
+        assert process.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    told, said = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert told == b""
+    assert said == b"quantify-client: error: interrupted; no file is half written\n"
+    assert not out.exists()
