@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from ..types import FloatArray
 from .rim import Rim, interpolation_along
+from .robust import off_plane, quantile
 
 __all__ = ["bridge_crossings"]
 
@@ -57,16 +58,10 @@ def bridge_crossings(rim: Rim) -> tuple[Rim, list[str]]:
 
 def _off_plane(rim: Rim) -> tuple[FloatArray, float]:
     """Return each rim height less a robust plane through all, and the robust scatter."""
-    u, v = rim.x - rim.x.mean(), rim.y - rim.y.mean()
-    design = np.column_stack([np.ones(len(u)), u, v])
-    level = rim.z - np.median(rim.z)
-    weight = rim.length.copy()
-    off, scale = level, 0.0
+    weight, scale = rim.length, 0.0
     for _ in range(_ROUNDS):
-        root = np.sqrt(weight)
-        plane = np.linalg.lstsq(design * root[:, None], level * root, rcond=None)[0]
-        off = level - design @ plane
-        scale = 1.4826 * float(np.median(np.abs(off)))
+        off = off_plane(rim.x, rim.y, rim.z, weight)
+        scale = 1.4826 * quantile(np.abs(off), 0.5)
         limit = max(_DEPARTURE * scale, 1e-9)
         weight = rim.length * np.clip(1 - (off / limit) ** 2, 1e-6, None) ** 2
     # One millimetre: smoother than any survey, and rounding must not look like a channel.

@@ -33,6 +33,9 @@ _LAYER_GAP_CELLS = 1.5
 #: Bins of height are numbers of this many bits, as in the voxels' own keys.
 _BIN_BITS = 22
 
+#: With fewer fully surrounded cells than this, their mean count tells nothing.
+_ENOUGH_INNER = 25
+
 #: The membrane over gaps is solved to this share of its first residual.
 _RELAX_TOLERANCE = 1e-7
 _RELAX_STEPS = 1000
@@ -227,12 +230,12 @@ def support(count: IntArray, fraction: FloatArray) -> float:
     occupied = count > 0
     if area <= 0 or not occupied.any():
         return 0.0
-    inner = ndimage.binary_erosion(occupied, np.ones((3, 3)), border_value=1) & (fraction > 0)
-    edge = occupied & ~ndimage.binary_erosion(occupied, border_value=1)
-    if np.count_nonzero(inner) < 25:
-        return float((fraction * occupied).sum() / area)
-    credit = occupied.astype(np.float64)
-    credit[edge] = count[edge] / _typical_count(count, inner)[edge]
+    inside, credit = fraction > 0, occupied.astype(np.float64)
+    edge = inside & occupied & ~ndimage.binary_erosion(occupied, border_value=1)
+    if edge.any():
+        inner = inside & ndimage.binary_erosion(occupied, np.ones((3, 3)), border_value=1)
+        if np.count_nonzero(inner) >= _ENOUGH_INNER:
+            credit[edge] = count[edge] / _typical_count(count, inner)[edge]
     return float(min((fraction * credit).sum() / area, 1.0))
 
 
@@ -248,7 +251,7 @@ def _typical_count(count: IntArray, inner: npt.NDArray[np.bool_]) -> FloatArray:
     return np.asarray((total + prior * overall) / (weight + prior))
 
 
-def fill_gaps(z: FloatArray, reach: int, needed: npt.NDArray[np.bool_] | None = None) -> FloatArray:
+def fill_gaps(z: FloatArray, reach: int, needed: npt.NDArray[np.bool_]) -> FloatArray:
     """Return `z` with its gaps closed by a membrane (Laplace's equation).
 
     Gaps that known cells enclose are closed whole. From the outer edge of what is known the
@@ -269,13 +272,11 @@ def fill_gaps(z: FloatArray, reach: int, needed: npt.NDArray[np.bool_] | None = 
     wanted = unknown & ndimage.binary_fill_holes(near)
     filled = z.copy()
     filled[wanted] = z[tuple(nearest[:, wanted])]
-    if needed is not None:
+    if (wanted & needed).any():
         label, number = ndimage.label(wanted)
         touched = np.zeros(number + 1, dtype=bool)
         touched[label[needed]] = True
-        wanted &= touched[label]
-    if wanted.any():
-        _relax(filled, wanted)
+        _relax(filled, wanted & touched[label])
     return filled
 
 

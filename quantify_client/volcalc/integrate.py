@@ -37,19 +37,24 @@ def above_mask(r: FloatArray, a: FloatArray, sigma: FloatArray) -> npt.NDArray[n
     a : (ny, nx) float64, area of each cell.
     sigma : (ny, nx) float64, standard deviation of each cell's height.
     """
-    known = r[np.isfinite(r)]
-    if not len(known) or known.min() >= 0 or known.max() <= 0:
-        return np.full(r.shape, bool(len(known)) and bool(known.max() > 0))
-    weight = np.where(np.isfinite(r), a, 0.0)
-    value = np.where(np.isfinite(r), r, 0.0) * weight
-    ring = np.ones((5, 5))
-    ring[2, 2] = 0.0
-    total = ndimage.correlate(value, ring, mode="constant")
-    beside = ndimage.correlate(weight, ring, mode="constant")
-    # A running sum over nothing but zeros is exactly zero, so an isolated cell decides for itself.
-    doubtful = (np.abs(np.nan_to_num(r)) < _SURE * sigma) & (beside > 0) & (total != 0)
-    above = np.asarray(np.where(doubtful, total > 0, np.nan_to_num(r) > 0))
-    return _with_right_sums(above, doubtful, np.nan_to_num(r) * weight)
+    known = np.isfinite(r)
+    r = np.where(known, r, 0.0)
+    if r.min() >= 0 or r.max() <= 0:
+        return np.full(r.shape, bool(r.max() > 0))
+    weight = np.where(known, a, 0.0)
+    volume = r * weight
+    total, beside = _around(volume), _around(weight)
+    # A sum over nothing but zeros is exactly zero, so an isolated cell decides for itself.
+    doubtful = (np.abs(r) < _SURE * sigma) & (beside > 0) & (total != 0)
+    above = np.asarray(np.where(doubtful, total > 0, r > 0))
+    return _with_right_sums(above, doubtful, volume)
+
+
+def _around(values: FloatArray) -> FloatArray:
+    """Return for each cell the sum over the others of the 5 x 5 cells about it."""
+    rows = ndimage.correlate1d(values, np.ones(5), axis=0, mode="constant")
+    both = ndimage.correlate1d(rows, np.ones(5), axis=1, mode="constant")
+    return np.asarray(both - values)
 
 
 def _with_right_sums(

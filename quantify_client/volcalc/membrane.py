@@ -10,6 +10,7 @@ minimal surfaces and their conjugates", cotangent weights). Every plane is repro
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -39,37 +40,52 @@ _LEAST_AREA = 1e-9
 _TURN = 0.2371
 
 
+class _Solver(Protocol):
+    """What `splu` returns."""
+
+    def solve(self, right: npt.NDArray[Any]) -> FloatArray: ...
+
+
 @dataclass(frozen=True)
 class Membrane:
     """Heights at places inside, linear in the rim's.
 
     Attributes
     ----------
-    from_rim : (N, M) sparse shares of the rim points.
-    from_inner : (N, K) sparse shares of the inner nodes.
-    coupling : (K, M) sparse; the inner heights solve stiffness @ inner = coupling @ rim.
-    solver : factors of the stiffness, None without inner nodes.
+    rim, inner : M and K, the numbers of rim points and inner nodes.
+    corner, share : (N, 3) nodes around each place, counted through rim and inner ones, and their
+        shares in its height.
+    ties : stiffness between an inner node and a rim point, as inner, rim and stiffness.
+    solver : factors of the stiffness among inner nodes, None without any.
     """
 
-    from_rim: sparse.csr_matrix
-    from_inner: sparse.csr_matrix
-    coupling: sparse.csr_matrix
-    solver: object
+    rim: int
+    inner: int
+    corner: IntArray
+    share: FloatArray
+    ties: tuple[IntArray, IntArray, FloatArray]
+    solver: _Solver | None
 
     def apply(self, rim_z: FloatArray) -> FloatArray:
         """Return the heights of the N places from those of the M rim points."""
-        heights = self.from_rim @ rim_z
+        heights = rim_z
         if self.solver is not None:
-            heights = heights + self.from_inner @ self.solver.solve(self.coupling @ rim_z)  # type: ignore[attr-defined]
-        return np.asarray(heights)
+            inner, rim, stiffness = self.ties
+            pull = np.bincount(inner, -stiffness * rim_z[rim], self.inner)
+            heights = np.concatenate([rim_z, self.solver.solve(pull)])
+        return np.asarray((self.share * heights[self.corner]).sum(axis=1))
 
     def back(self, weights: FloatArray) -> FloatArray:
         """Return the rim weights that give the same sum as `weights` of the N places."""
-        rim = self.from_rim.T @ weights
+        each = self.share * weights[:, None]
+        nodes = np.bincount(self.corner.ravel(), each.ravel(), self.rim + self.inner)
+        shares = nodes[: self.rim]
         if self.solver is not None:
             # The stiffness is symmetric, so its solver is its own transpose.
-            rim = rim + self.coupling.T @ self.solver.solve(self.from_inner.T @ weights)  # type: ignore[attr-defined]
-        return np.asarray(rim)
+            inner, rim, stiffness = self.ties
+            pull = self.solver.solve(nodes[self.rim :])
+            shares = shares + np.bincount(rim, -stiffness * pull[inner], self.rim)
+        return np.asarray(shares)
 
 
 def stretch(
@@ -86,23 +102,12 @@ def stretch(
     """
     inner = _inner_nodes(rim, outer)
     nodes = np.concatenate([rim, inner])
-    triangles = Delaunay(nodes)
-    found = scan_triangles(nodes[triangles.simplices], shape)[row, column]
+    triangles = Delaunay(nodes).simplices
+    found = scan_triangles(nodes[triangles], shape)[row, column]
     at = np.column_stack([column + 0.5, row + 0.5])
-    corner, share = _shares(nodes, triangles.simplices, found, at, rim)
-    place = np.repeat(np.arange(len(row)), 3)
-    every = sparse.csr_matrix(
-        (share.ravel(), (place, corner.ravel())), shape=(len(row), len(nodes))
-    )
-    m = len(rim)
-    coupling, solver = sparse.csr_matrix((len(inner), m)), None
-    if len(inner):
-        middle = nodes[triangles.simplices].mean(axis=1)
-        within = shapely.contains_xy(outer, middle[:, 0], middle[:, 1])
-        stiffness = _stiffness(nodes, triangles.simplices[within])
-        coupling = -stiffness[m:, :m]
-        solver = splu(stiffness[m:, m:].tocsc())
-    return Membrane(every[:, :m], every[:, m:], coupling, solver)
+    corner, share = _shares(nodes, triangles, found, at, rim)
+    ties, solver = _stiffness(nodes, triangles, outer, len(rim))
+    return Membrane(len(rim), len(inner), corner, share, ties, solver)
 
 
 def _inner_nodes(rim: FloatArray, outer: Polygon) -> FloatArray:
@@ -123,24 +128,29 @@ def _inner_nodes(rim: FloatArray, outer: Polygon) -> FloatArray:
     return np.asarray(nodes[cKDTree(rim).query(nodes)[0] > _CLEARANCE * step])
 
 
-def _stiffness(nodes: FloatArray, triangles: npt.NDArray[np.int32]) -> sparse.csr_matrix:
-    """Return the cotangent matrix of a triangulation."""
-    rows, columns, values = [], [], []
-    for k in range(3):
-        a, b, c = (triangles[:, (k + s) % 3] for s in range(3))
-        p, q = nodes[b] - nodes[a], nodes[c] - nodes[a]
-        cross = np.abs(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0])
-        # Slivers along a straight rim have no area and no part in the bending.
-        solid = cross > 1e-9 * (p**2).sum(axis=1)
-        half = 0.5 * (p * q).sum(axis=1)[solid] / cross[solid]
-        b, c = b[solid], c[solid]
-        rows += [b, c, b, c]
-        columns += [c, b, b, c]
-        values += [-half, -half, half, half]
-    return sparse.csr_matrix(
-        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))),
-        shape=(len(nodes), len(nodes)),
-    )
+def _stiffness(
+    nodes: FloatArray, triangles: npt.NDArray[np.int32], outer: Polygon, rim: int
+) -> tuple[tuple[IntArray, IntArray, FloatArray], _Solver | None]:
+    """Return the cotangent stiffness of the triangles inside: ties to the rim, and the solver."""
+    middle = nodes[triangles].mean(axis=1)
+    triangles = triangles[shapely.contains_xy(outer, middle[:, 0], middle[:, 1])]
+    corner = nodes[triangles]
+    # Of each side, seen from the corner opposite.
+    p, q = corner[:, [1, 2, 0]] - corner, corner[:, [2, 0, 1]] - corner
+    cross = np.abs(p[..., 0] * q[..., 1] - p[..., 1] * q[..., 0])
+    # Slivers along a straight rim have no area and no part in the bending.
+    solid = cross > 1e-9 * (p**2).sum(axis=2)
+    half = 0.5 * (p * q).sum(axis=2)[solid] / cross[solid]
+    b, c = triangles[:, [1, 2, 0]][solid], triangles[:, [2, 0, 1]][solid]
+    row, column = np.concatenate([b, c, b, c]) - rim, np.concatenate([c, b, b, c])
+    values = np.concatenate([-half, -half, half, half])
+    tied, free = (row >= 0) & (column < rim), (row >= 0) & (column >= rim)
+    ties = row[tied], column[tied], values[tied]
+    count = len(nodes) - rim
+    if not count:
+        return ties, None
+    among = (values[free], (row[free], column[free] - rim))
+    return ties, splu(sparse.csc_matrix(among, shape=(count, count)))
 
 
 def _shares(

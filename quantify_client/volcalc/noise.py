@@ -12,12 +12,13 @@ the spread falls with the block size tells independent noise (as 1 / size) from 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 
 import numpy as np
 from scipy import ndimage, optimize
 
 from ..types import FloatArray, IntArray
+from .robust import quantile
 
 __all__ = ["Noise", "functional_std", "measure_noise"]
 
@@ -57,6 +58,12 @@ _CONVINCING = 6.0
 
 _ROUNDS = 4
 
+#: Correlation lengths that are tried, evenly in their logarithm.
+_TRIALS = 24
+
+#: Columns are parallel when the square of their angle's sine is below this.
+_PARALLEL = 1e-12
+
 #: Correlated sums are made on a grid of at most about this many blocks a side.
 _COARSE_SIDE = 160
 
@@ -95,10 +102,10 @@ def measure_noise(
         than what is measured, and where there is enough of it, it tells the noise.
     """
     ground, order = _ground_around(z, fraction)
-    sizes, observed, voices = _spreads(ground, order)
+    observed, voices = _spreads(ground, order)
     independent, correlated, length = 0.0, 0.0, 1.0
-    if len(sizes):
-        independent, correlated, length = _fit(sizes, observed, np.sqrt(voices), order)
+    if len(observed):
+        independent, correlated, length = _fit(observed, np.sqrt(voices), order)
     each = _cell_sigma(independent, z, count, filled)
     return Noise(independent, correlated, length, each)
 
@@ -110,28 +117,38 @@ def _ground_around(z: FloatArray, fraction: FloatArray) -> tuple[FloatArray, int
     and the whole of an area that is all rim.
     """
     outside = np.where(fraction > 0, np.nan, z)
-    if len(_mixed_differences(outside, 1, 1, 1)) >= _ENOUGH_AROUND:
+    if _squares(outside) >= _ENOUGH_AROUND:
         return outside, 1
     depth = ndimage.distance_transform_edt(np.pad(fraction > 0, 1))[1:-1, 1:-1]
     band = np.where(depth > _BAND_CELLS, np.nan, z)
-    if len(_mixed_differences(band, 1, 1, 1)) >= _ENOUGH_AROUND:
+    if _squares(band) >= _ENOUGH_AROUND:
         return band, 1
     return z, 2
 
 
-def _spreads(z: FloatArray, order: int) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Return block sizes, variances of their mixed differences, and what these are based on."""
-    sizes, variances, voices = [], [], []
+def _squares(z: FloatArray) -> int:
+    """Return the number of squares of four known cells, each good for a mixed difference."""
+    known = np.isfinite(z)
+    pairs = known[1:] & known[:-1]
+    return int(np.count_nonzero(pairs[:, 1:] & pairs[:, :-1]))
+
+
+def _spreads(z: FloatArray, order: int) -> tuple[FloatArray, FloatArray]:
+    """Return the variances of mixed differences of the first `_BLOCKS`, and their voices."""
+    running = _running_sums(z)
+    variances, voices = [], []
     for size in _BLOCKS:
         stride = max(1, size // 2)
-        differences = np.abs(_mixed_differences(z, size, stride, order))
-        independent = len(differences) * (stride / size) ** 2
-        if independent < _LEAST_DIFFERENCES or min(z.shape) < _LEAST_BLOCKS * size:
+        if min(z.shape) < _LEAST_BLOCKS * size:
             break
-        sizes.append(size)
-        variances.append(max(np.quantile(differences, _QUANTILE) / _NORMAL_QUANTILE, 1e-12) ** 2)
+        differences = np.abs(_mixed_differences(running, size, stride, order))
+        independent = len(differences) * (stride / size) ** 2
+        if independent < _LEAST_DIFFERENCES:
+            break
+        spread = max(quantile(differences, _QUANTILE) / _NORMAL_QUANTILE, 1e-12)
+        variances.append(spread**2)
         voices.append(independent / _DIFFERENCES_PER_VOICE[order])
-    return np.array(sizes), np.array(variances), np.array(voices)
+    return np.array(variances), np.array(voices)
 
 
 def _cell_sigma(
@@ -148,22 +165,30 @@ def _cell_sigma(
     known = np.isfinite(z)
     if not known.any():
         return np.zeros(z.shape)
-    down, right = np.gradient(np.where(np.isfinite(filled), filled, np.nanmean(z)))
+    down, right = np.gradient(np.where(np.isfinite(filled), filled, z[known].mean()))
     by_place = (down**2 + right**2) / 12.0
-    typical = float(np.median(count[known]))
-    by_noise = max(independent**2 * typical - float(np.median(by_place[known])), 0.0)
+    typical = quantile(count[known], 0.5)
+    by_noise = max(independent**2 * typical - quantile(by_place[known], 0.5), 0.0)
     return np.asarray(np.sqrt((by_noise + by_place) / np.maximum(count, 1)))
 
 
-def _mixed_differences(z: FloatArray, size: int, stride: int, order: int) -> FloatArray:
+def _running_sums(z: FloatArray) -> FloatArray:
+    """Return known cells and their heights, summed from the first corner: (2, ny + 1, nx + 1)."""
+    known = np.isfinite(z)
+    cells = np.zeros((2, z.shape[0] + 1, z.shape[1] + 1))
+    cells[0, 1:, 1:] = known
+    cells[1, 1:, 1:] = np.where(known, z, 0.0)
+    return cells.cumsum(axis=1).cumsum(axis=2)
+
+
+def _mixed_differences(running: FloatArray, size: int, stride: int, order: int) -> FloatArray:
     """Return differences down the columns of differences along the rows of block means.
 
     Blocks of size x size cells start every `stride` cells; the blocks of one difference lie side
     by side. A block counts when more than half of its cells are known.
     """
-    known = np.isfinite(z)
-    count = _sliding_sums(known.astype(np.float64), size, stride)
-    total = _sliding_sums(np.where(known, z, 0.0), size, stride)
+    rows = running[:, size::stride] - running[:, :-size:stride]
+    count, total = rows[:, :, size::stride] - rows[:, :, :-size:stride]
     means = np.where(2 * count > size * size, total / np.maximum(count, 1), np.nan)
     lag = size // stride
     for _ in range(order):
@@ -171,14 +196,6 @@ def _mixed_differences(z: FloatArray, size: int, stride: int, order: int) -> Flo
     for _ in range(order):
         means = means[lag:] - means[:-lag]
     return np.asarray(means[np.isfinite(means)])
-
-
-def _sliding_sums(values: FloatArray, size: int, stride: int) -> FloatArray:
-    """Return the sums over blocks of size x size cells that start every `stride` cells."""
-    running = np.pad(values.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
-    high, low = running[size::stride], running[:-size:stride]
-    rows = high - low
-    return np.asarray(rows[:, size::stride] - rows[:, :-size:stride])
 
 
 def _block_correlation(size: int, length: float, lags: int) -> FloatArray:
@@ -189,81 +206,116 @@ def _block_correlation(size: int, length: float, lags: int) -> FloatArray:
     return np.asarray((np.exp(-(distance**2) / (2 * length**2)) * share).sum(axis=1))
 
 
-def _fit(
-    sizes: IntArray, observed: FloatArray, voice: FloatArray, order: int
-) -> tuple[float, float, float]:
-    """Return independent, correlated and length that best explain the observed variances.
+def _fit(observed: FloatArray, voice: FloatArray, order: int) -> tuple[float, float, float]:
+    """Return independent, correlated and length that best explain the variances of `_BLOCKS`.
 
     On the ground around, whatever is not independent counts as correlated: to the base it is an
     error all the same. On the area itself (second differences), what grows with the block size is
     its shape, and no correlation can be told from it.
     """
-    block = sizes.astype(np.float64)
-    columns = [_AUTOCORRELATION[order][0] ** 2 / block**2]
+    block = np.array(_BLOCKS[: len(observed)], dtype=np.float64)
+    white = _AUTOCORRELATION[order][0] ** 2 / block**2
     if order == 2:
-        columns += [block**2, block**4]
-    variances, best = _explain(columns, observed, voice)
-    independent, correlated, length = variances[0], 0.0, 1.0
-    if order == 2:
-        return float(np.sqrt(independent)), 0.0, 1.0
-    best -= _CONVINCING
-    for trial in np.geomspace(_SHORTEST, max(1.0, 1.5 * float(block[-1])), 24):
-        together = np.array([_together(int(size), float(trial), order) for size in sizes])
-        variances, misfit = _explain([*columns, together], observed, voice)
-        if misfit < best:
-            best, independent, correlated, length = misfit, variances[0], variances[-1], trial
-    return float(np.sqrt(independent)), float(np.sqrt(correlated)), float(length)
+        shares, _ = _explain(np.stack([white, block**2, block**4])[:, None], observed, voice)
+        return float(np.sqrt(shares[0, 0])), 0.0, 1.0
+    lengths, together = _trials(len(block))
+    columns = np.stack([np.broadcast_to(white, together.shape), together])
+    shares, misfit = _explain(columns, observed, voice)
+    misfit[0] -= _CONVINCING
+    best = int(np.argmin(misfit))
+    independent, correlated = np.sqrt(shares[:, best])
+    return float(independent), float(correlated), float(lengths[best])
+
+
+@cache
+def _trials(count: int) -> tuple[FloatArray, FloatArray]:
+    """Return trial lengths and (T, count) what correlated noise of variance 1 adds to `_BLOCKS`.
+
+    The first trial is that there is none.
+    """
+    sizes = _BLOCKS[:count]
+    lengths = np.geomspace(_SHORTEST, max(1.0, 1.5 * sizes[-1]), _TRIALS)
+    lag = np.array(_AUTOCORRELATION[1])
+    together = [[_block_correlation(n, length, 2) @ lag for n in sizes] for length in lengths]
+    return np.append(1.0, lengths), np.vstack([np.zeros(count), np.square(together)])
 
 
 def _explain(
-    columns: list[FloatArray], observed: FloatArray, voice: FloatArray
-) -> tuple[FloatArray, float]:
+    columns: FloatArray, observed: FloatArray, voice: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Return the non-negative shares of the columns in the observed variances, and chi-square.
 
     An observed variance scatters in proportion to the true one, so the weights follow the fit.
-    """
-    matrix = np.column_stack(columns)
-    shares, expected, misfit = np.zeros(len(columns)), observed, 0.0
-    for _ in range(_ROUNDS):
-        weight = voice / expected
-        scaled = matrix * weight[:, None]
-        norm = np.linalg.norm(scaled, axis=0)
-        shares = optimize.nnls(scaled / norm, observed * weight)[0] / norm
-        expected = np.maximum(matrix @ shares, 1e-3 * observed)
-        misfit = float((((observed - expected) / expected * voice) ** 2).sum())
-    return shares, misfit
-
-
-@lru_cache(maxsize=4096)
-def _together(size: int, length: float, order: int) -> float:
-    """Return the mixed difference's variance for correlated noise of variance 1."""
-    along = _block_correlation(size, length, order + 1) * np.array(_AUTOCORRELATION[order])
-    return float(along.sum()) ** 2
-
-
-def functional_std(weights: FloatArray, noise: Noise) -> float:
-    """Return the standard deviation of sum(weights * z) under the noise.
 
     Parameters
     ----------
-    weights : (ny, nx) float64, m2.
+    columns : (C, T, S) of T trials, for S block sizes; the shares are (C, T).
     """
-    independent = float(((weights * noise.cell) ** 2).sum())
-    if noise.correlated <= 0:
-        return float(np.sqrt(independent))
-    size = max(1, int(np.ceil(max(weights.shape) / _COARSE_SIDE)))
+    expected = np.broadcast_to(observed, columns.shape[1:])
+    for _ in range(_ROUNDS):
+        weight = voice / expected
+        shares = _non_negative(columns * weight, observed * weight)
+        expected = np.maximum((columns * shares[:, :, None]).sum(axis=0), 1e-3 * observed)
+    return shares, (((observed - expected) / expected * voice) ** 2).sum(axis=1)
+
+
+def _non_negative(columns: FloatArray, right: FloatArray) -> FloatArray:
+    """Return the non-negative least-squares shares (C, T) of each trial's columns in its right."""
+    if len(columns) != 2:
+        norm = np.sqrt((columns**2).sum(axis=2))
+        each = zip((columns / norm[:, :, None]).transpose(1, 2, 0), right)
+        shares = np.array([optimize.nnls(matrix, values)[0] for matrix, values in each])
+        return np.asarray(shares.T / norm)
+    a, b = columns
+    aa, ab, bb = (a * a).sum(axis=1), (a * b).sum(axis=1), (b * b).sum(axis=1)
+    ar, br = (a * right).sum(axis=1), (b * right).sum(axis=1)
+    free = aa * bb - ab**2
+    first, second = bb * ar - ab * br, aa * br - ab * ar
+    # Nothing here is negative but the shares, and of these one at most: the other stands alone.
+    only_a = (second <= 0) | (free <= _PARALLEL * aa * bb)
+    only_b = ~only_a & (first <= 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        both = np.stack([first, second]) / free
+        alone = np.stack([ar / aa, br / bb])
+    return np.where([only_b, only_a], 0.0, np.where([only_a, only_b], alone, both))
+
+
+def functional_std(weights: FloatArray, noise: Noise) -> FloatArray:
+    """Return the standard deviation of each sum(weights * z) under the noise.
+
+    Parameters
+    ----------
+    weights : (K, ny, nx) float64, m2.
+    """
+    variance = ((weights * noise.cell) ** 2).sum(axis=(1, 2))
+    if noise.correlated > 0:
+        variance += noise.correlated**2 * _correlated_sums(weights, noise.length)
+    return np.asarray(np.sqrt(variance))
+
+
+def _correlated_sums(weights: FloatArray, length: float) -> FloatArray:
+    """Return the variance of each sum(weights * z) for correlated noise of variance 1."""
+    weights = _without_zero_margins(weights)
+    size = -(-max(weights.shape[1:]) // _COARSE_SIDE)
     coarse = _block_sums(weights, size)
-    lags = int(np.ceil(4 * noise.length / size)) + 2
-    g = _block_correlation(size, noise.length, min(lags, max(coarse.shape)))
+    lags = int(np.ceil(4 * length / size)) + 2
+    g = _block_correlation(size, length, min(lags, max(coarse.shape[1:])))
     line = np.concatenate([g[:0:-1], g])
-    spread = ndimage.correlate1d(coarse, line, axis=0, mode="constant")
-    spread = ndimage.correlate1d(spread, line, axis=1, mode="constant")
-    together = noise.correlated**2 * float((coarse * spread).sum())
-    return float(np.sqrt(independent + max(together, 0.0)))
+    spread = ndimage.correlate1d(coarse, line, axis=1, mode="constant")
+    spread = ndimage.correlate1d(spread, line, axis=2, mode="constant")
+    return np.asarray(np.maximum((coarse * spread).sum(axis=(1, 2)), 0.0))
+
+
+def _without_zero_margins(weights: FloatArray) -> FloatArray:
+    some = (weights != 0).any(axis=0)
+    rows, columns = np.flatnonzero(some.any(axis=1)), np.flatnonzero(some.any(axis=0))
+    if not len(rows):
+        return weights[:, :1, :1]
+    return weights[:, rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
 
 
 def _block_sums(values: FloatArray, size: int) -> FloatArray:
-    ny, nx = (-(-n // size) for n in values.shape)
-    padded = np.zeros((ny * size, nx * size))
-    padded[: values.shape[0], : values.shape[1]] = values
-    return np.asarray(padded.reshape(ny, size, nx, size).sum(axis=(1, 3)))
+    k, ny, nx = values.shape
+    padded = np.pad(values, ((0, 0), (0, -ny % size), (0, -nx % size)))
+    blocks = padded.reshape(k, -(-ny // size), size, -(-nx // size), size)
+    return np.asarray(blocks.sum(axis=(2, 4)))

@@ -80,9 +80,9 @@ def typical_height(voxels: Voxels) -> float:
     """Return the median height, to half a streaming cell; 0 without points."""
     if not len(voxels.bin):
         return 0.0
-    order = np.argsort(voxels.bin, kind="stable")
-    running = np.cumsum(voxels.count[order])
-    middle = voxels.bin[order][np.searchsorted(running, running[-1] / 2)]
+    lowest = int(voxels.bin.min())
+    running = np.bincount(voxels.bin - lowest, voxels.count).cumsum()
+    middle = lowest + int(np.searchsorted(running, running[-1] / 2))
     return float(middle * voxels.bin_quanta * voxels.quantum)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 from scipy import sparse
-from scipy.spatial import Delaunay
+from scipy.spatial import Delaunay, cKDTree
 from shapely.geometry import Polygon
 
 from ..types import FloatArray, IntArray
@@ -26,6 +26,9 @@ _ENOUGH_OUTSIDE = 8
 
 _TUKEY = 4.685
 _ROUNDS = 5
+
+#: Points this share inside a segment's circle are its ends.
+_IN_CIRCLE = 1e-9
 
 #: Times that ring segments missing from a Delaunay triangulation are halved.
 _MAX_SPLITS = 12
@@ -107,7 +110,10 @@ def _dense_ring(polygon: Polygon, step: float) -> tuple[FloatArray, FloatArray]:
 def _missing_segments(points: FloatArray) -> npt.NDArray[np.bool_]:
     """Tell which segments from point i to i + 1 are no edges of the points' triangulation."""
     n = len(points)
-    if n < 4:
+    middle = (points + np.roll(points, -1, axis=0)) / 2
+    # A segment is an edge at the least when no other point is in the circle over it.
+    half = np.hypot(*(points - middle).T)
+    if n < 4 or (cKDTree(points).query(middle)[0] > (1 - _IN_CIRCLE) * half).all():
         return np.zeros(n, dtype=bool)
     triangles = Delaunay(points).simplices
     missing = np.ones(n, dtype=bool)

@@ -56,23 +56,21 @@ class PointSample:
 
     def candidates(self, x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
         """Return the points near the spots as rows of row, column, distance, x, y, z."""
-        u = x * (1.0 / self.size)
-        column = np.floor(u)
-        u -= column
-        u -= _SPOT[0]
-        if self._half < 0.5:
-            # Few points are left after the first coordinate, so the second costs little.
-            near = np.flatnonzero(np.abs(u) < self._half)
-            u, column, x, y, z = u[near], column[near], x[near], y[near], z[near]
-        v = y * (1.0 / self.size)
-        row = np.floor(v)
-        v -= row
-        v -= _SPOT[1]
-        if self._half < 0.5:
-            near = np.flatnonzero(np.abs(v) < self._half)
-            u, v, column, row = u[near], v[near], column[near], row[near]
-            x, y, z = x[near], y[near], z[near]
+        # Few points are left after the first coordinate, so the second costs little.
+        column, u, x, y, z = self._near_spot(x, _SPOT[0], x, y, z)
+        row, v, column, u, x, y, z = self._near_spot(y, _SPOT[1], column, u, x, y, z)
         return np.column_stack([row, column, u * u + v * v, x, y, z])
+
+    def _near_spot(self, along: FloatArray, spot: float, *others: FloatArray) -> list[FloatArray]:
+        """Return cells, distances from their spots and the others of the points near a spot."""
+        off = along * (1.0 / self.size)
+        cell = np.floor(off)
+        off -= cell
+        off -= spot
+        if self._half >= 0.5:
+            return [cell, off, *others]
+        near = np.flatnonzero(np.abs(off) < self._half)
+        return [values[near] for values in (cell, off, *others)]
 
     def absorb(self, rows: FloatArray) -> None:
         """Add what ``reduce`` returned."""

@@ -8,15 +8,17 @@ weights; what the base adds to the surface's own share is the item "base".
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage, special
 
-from ..types import BudgetItem, FloatArray
+from ..types import BudgetItem, FloatArray, IntArray
 from .base import Base
 from .noise import Noise, functional_std
 from .rim import Rim
+from .robust import off_plane
 
 __all__ = ["BASE_MISFIT", "Surface", "error_budget", "rim_relief"]
 
@@ -54,24 +56,31 @@ class Surface:
     cell: float
     above: _BOOLS
 
+    @cached_property
+    def measured(self) -> _BOOLS:
+        """Cells with points of their own."""
+        return np.isfinite(self.z)
+
+    @cached_property
+    def nearest(self) -> tuple[FloatArray, IntArray]:
+        """(ny, nx) distance in cells to the nearest measured cell, and (2, ny, nx) its place."""
+        distance, place = ndimage.distance_transform_edt(~self.measured, return_indices=True)
+        return distance, place
+
 
 def error_budget(surface: Surface, base: Base, rim: Rim | None, noise: Noise) -> list[BudgetItem]:
     """Return the items survey, base, coverage and slicing, each for net, cut and fill."""
     known = np.isfinite(surface.r)
-    everywhere = np.where(known, surface.a, 0.0)
-    net = _noise_items(everywhere, surface, base, rim, noise)
-    sides = [
-        np.where(known & surface.above, surface.a, 0.0),
-        np.where(known & ~surface.above, surface.a, 0.0),
-    ]
-    unsure = _unsure(surface, noise, float(np.hypot(*net)))
-    either = _either_side(surface, np.hypot(unsure, noise.cell))
-    split = [_noise_items(np.maximum(side, either), surface, base, rim, noise) for side in sides]
-    survey, from_base = zip(net, *split)
-    level = _flat_ground(surface, unsure, np.hypot(unsure, noise.cell))
+    weights = surface.a * np.stack([known, known & surface.above, known & ~surface.above])
+    net = _noise_items(weights[:1], surface, base, rim, noise)
+    unsure = _unsure(surface, noise, float(np.hypot(*net)[0]))
+    sigma = np.hypot(unsure, noise.cell)
+    either = np.maximum(weights[1:], _either_side(surface, sigma))
+    split = _noise_items(either, surface, base, rim, noise)
+    survey, from_base = (np.concatenate(pair).tolist() for pair in zip(net, split))
+    level = _flat_ground(surface, unsure, sigma)
     misfit = _base_misfit(surface, base, rim, noise)
-    weights = [everywhere, *sides]
-    missing = [_coverage(surface, noise, weight > 0) for weight in weights]
+    missing = _coverage(surface, noise, weights > 0)
     unmeasured = _unmeasured(surface)
     return [
         BudgetItem(
@@ -82,7 +91,7 @@ def error_budget(surface: Surface, base: Base, rim: Rim | None, noise: Noise) ->
         ),
         BudgetItem("base", *(float(np.hypot(s, m)) for s, m in zip(from_base, misfit))),
         BudgetItem("coverage", *(float(np.hypot(m, unmeasured)) for m in missing)),
-        BudgetItem("slicing", *(_slicing(surface, weight > 0) for weight in weights)),
+        BudgetItem("slicing", *_slicing(surface, weights > 0)),
     ]
 
 
@@ -105,29 +114,29 @@ def _either_side(surface: Surface, sigma: FloatArray) -> FloatArray:
 
 def _noise_items(
     weights: FloatArray, surface: Surface, base: Base, rim: Rim | None, noise: Noise
-) -> tuple[float, float]:
-    """Return the survey's and the base's standard deviations of sum(weights * r)."""
-    direct = _onto_measured(weights, np.isfinite(surface.z))
-    survey = functional_std(direct, noise)
+) -> tuple[FloatArray, FloatArray]:
+    """Return the survey's and the base's standard deviations of each sum(weights * r)."""
+    direct = _onto_measured(weights, surface)
     if rim is None:
-        return survey, 0.0
-    through_rim = rim.weights.T @ base.influence(weights)
-    total = functional_std(direct - through_rim.reshape(direct.shape), noise)
+        survey = functional_std(direct, noise)
+        return survey, np.zeros_like(survey)
+    influence = np.stack([base.influence(weight) for weight in weights], axis=1)
+    through_rim = (rim.weights.T @ influence).T.reshape(direct.shape)
+    both = functional_std(np.concatenate([direct, direct - through_rim]), noise)
+    survey, total = np.split(both, 2)
     # Errors that the surface and its base share cancel: the total may be below the survey's.
-    if total <= survey:
-        return total, 0.0
-    return survey, float(np.sqrt(total**2 - survey**2))
+    survey = np.minimum(survey, total)
+    return survey, np.sqrt(total**2 - survey**2)
 
 
-def _onto_measured(weights: FloatArray, measured: _BOOLS) -> FloatArray:
+def _onto_measured(weights: FloatArray, surface: Surface) -> FloatArray:
     """Give the weights of interpolated cells to the nearest measured ones."""
-    lost = (weights != 0) & ~measured
-    if not lost.any() or not measured.any():
+    lost = (weights != 0).any(axis=0) & ~surface.measured
+    if not lost.any() or not surface.measured.any():
         return weights
-    nearest = ndimage.distance_transform_edt(~measured, return_distances=False, return_indices=True)
-    moved = np.where(lost, 0.0, weights)
-    np.add.at(moved, tuple(nearest[:, lost]), weights[lost])
-    return moved
+    place = np.ravel_multi_index(tuple(surface.nearest[1][:, lost]), lost.shape)
+    gained = [np.bincount(place, weight[lost], lost.size) for weight in weights]
+    return np.where(lost, 0.0, weights) + np.reshape(gained, weights.shape)
 
 
 def _flat_ground(surface: Surface, unsure: float, sigma: FloatArray) -> float:
@@ -145,14 +154,10 @@ def rim_relief(rim: Rim, noise: Noise, *, smooth: bool = True) -> float:
 
     With `smooth`, what the correlated noise already accounts for does not count.
     """
-    centre_x, centre_y = rim.x.mean(), rim.y.mean()
-    design = np.column_stack([np.ones(len(rim.x)), rim.x - centre_x, rim.y - centre_y])
-    root = np.sqrt(rim.length)[:, None]
-    level = rim.z - rim.z.mean()
-    plane = np.linalg.lstsq(design * root, level * root[:, 0], rcond=None)[0]
-    square = float(np.average((level - design @ plane) ** 2, weights=rim.length))
-    sigma = noise.cell.ravel() ** 2
-    own = float(np.mean(rim.weights.multiply(rim.weights) @ sigma))
+    off = off_plane(rim.x, rim.y, rim.z, rim.length)
+    square = float((off**2 * rim.length).sum() / rim.length.sum())
+    shares, cells = rim.weights.data, rim.weights.indices
+    own = float(((shares * noise.cell.ravel()[cells]) ** 2).sum()) / len(rim.z)
     own += noise.correlated**2 if smooth else 0.0
     return float(np.sqrt(square - own)) if square > _CLEAR_RELIEF**2 * own else 0.0
 
@@ -170,26 +175,30 @@ def _base_misfit(
     return off * (above + below), off * above, off * below
 
 
-def _coverage(surface: Surface, noise: Noise, side: _BOOLS) -> float:
-    """Return the error of heights interpolated over gaps.
+def _coverage(surface: Surface, noise: Noise, sides: _BOOLS) -> list[float]:
+    """Return the error of heights interpolated over gaps, for each side (K, ny, nx).
 
     How far a cell is off the mean of its four neighbours, beyond noise, tells the ground's
     roughness; a gap's error grows with the power 1.5 of its depth in cells. Where a gap lies
     between high and low, as in the blind spot beside a wall, a share of that difference is what
     nobody saw. Each gap has one error over all of it, independent of other gaps'.
     """
-    measured = np.isfinite(surface.z)
-    gap = side & ~measured
-    if not gap.any():
-        return 0.0
-    depth = ndimage.distance_transform_edt(~measured)
+    gaps = sides & ~surface.measured
+    if not gaps.any():
+        return [0.0] * len(gaps)
+    by_shape = _roughness(surface, noise) * surface.nearest[0] ** 1.5
+    step = _UNSEEN_STEP * _local_step(surface.z)
+    return [_over_gaps(gap, surface.a, by_shape, step) for gap in gaps]
+
+
+def _over_gaps(gap: _BOOLS, a: FloatArray, by_shape: FloatArray, step: FloatArray) -> float:
+    """Return the error over some gaps: by the deepest place and by the mean step of each."""
     label, number = ndimage.label(gap)
     index = np.arange(1, number + 1)
-    area = ndimage.sum_labels(np.where(gap, surface.a, 0.0), label, index)
-    deepest = np.asarray(ndimage.maximum(depth, label, index))
-    by_shape = _roughness(surface, noise) * deepest**1.5
-    step = np.asarray(ndimage.mean(_local_step(surface.z), label, index))
-    return float(np.sqrt((area**2 * (by_shape**2 + (_UNSEEN_STEP * step) ** 2)).sum()))
+    area = np.asarray(ndimage.sum_labels(a, label, index))
+    deepest = np.asarray(ndimage.maximum(by_shape, label, index))
+    mean = np.asarray(ndimage.mean(step, label, index))
+    return float(np.sqrt((area**2 * (deepest**2 + mean**2)).sum()))
 
 
 def _local_step(z: FloatArray) -> FloatArray:
@@ -223,19 +232,18 @@ def _unmeasured(surface: Surface) -> float:
     return 0.5 * missing * typical
 
 
-def _slicing(surface: Surface, side: _BOOLS) -> float:
-    """Return the error of giving a rim cell's part the height of the whole cell.
+def _slicing(surface: Surface, sides: _BOOLS) -> list[float]:
+    """Return the error of giving a rim cell's part the height of the whole cell, for each side.
 
     The part's middle is up to half of the missing width from the cell's. Along a rim in the slope
     these errors have one sign, so they add up, signed by whether the ground rises inwards.
     """
     full = surface.cell**2
     share = np.clip(surface.a / full, 0.0, 1.0)
-    rim = side & (share > 0) & (share < 1)
-    if not rim.any():
-        return 0.0
+    rim = (share > 0) & (share < 1)
     rise_v, rise_u = np.gradient(surface.filled)
     in_v, in_u = np.gradient(share)
     norm = np.hypot(in_u, in_v)
     inward = np.divide(rise_u * in_u + rise_v * in_v, norm, out=np.zeros_like(norm), where=norm > 0)
-    return abs(float(np.nansum((surface.a * inward * (1 - share) / 2)[rim])))
+    error = np.where(rim, np.nan_to_num(surface.a * inward * (1 - share) / 2), 0.0)
+    return [abs(float(error[side].sum())) for side in sides]

@@ -156,8 +156,9 @@ def test_support_counts_rim_cells_by_their_share():
 
 def test_nothing_to_fill_is_left_as_it_is():
     z = np.arange(12.0).reshape(3, 4)
-    assert fill_gaps(z, 5) is z
-    assert np.isnan(fill_gaps(np.full((3, 4), np.nan), 5)).all()
+    assert fill_gaps(z, 5, np.ones_like(z, dtype=bool)) is z
+    nothing = np.full((3, 4), np.nan)
+    assert np.isnan(fill_gaps(nothing, 5, np.isnan(nothing))).all()
 
 
 def test_a_plane_goes_on_through_a_hole():
@@ -166,7 +167,7 @@ def test_a_plane_goes_on_through_a_hole():
     plane = 160 + 0.3 * column - 0.2 * row
     z = plane.copy()
     z[12:29, 8:31] = np.nan
-    np.testing.assert_allclose(fill_gaps(z, 3), plane, atol=1e-4)
+    np.testing.assert_allclose(fill_gaps(z, 3, np.isnan(z)), plane, atol=1e-4)
 
 
 def test_a_saddle_goes_on_through_scattered_gaps():
@@ -177,14 +178,14 @@ def test_a_saddle_goes_on_through_scattered_gaps():
     gone = np.random.default_rng(0).random(z.shape) < 0.4
     gone[[0, -1]] = gone[:, [0, -1]] = False
     z[gone] = np.nan
-    np.testing.assert_allclose(fill_gaps(z, 2), saddle, atol=1e-4)
+    np.testing.assert_allclose(fill_gaps(z, 2, np.isnan(z)), saddle, atol=1e-4)
 
 
 def test_the_membrane_never_leaves_the_heights_around_it():
     rng = np.random.default_rng(0)
     z = rng.uniform(100, 200, (30, 30))
     z[5:20, 8:25] = np.nan
-    filled = fill_gaps(z, 2)
+    filled = fill_gaps(z, 2, np.isnan(z))
     assert np.isfinite(filled).all()
     assert filled.min() >= np.nanmin(z) - 1e-3
     assert filled.max() <= np.nanmax(z) + 1e-3
@@ -193,7 +194,16 @@ def test_the_membrane_never_leaves_the_heights_around_it():
 def test_beyond_the_edge_heights_go_on_for_the_reach_only():
     z = np.full((20, 60), np.nan)
     z[:, :30] = 7.0
-    filled = fill_gaps(z, 5)
+    filled = fill_gaps(z, 5, np.isnan(z))
     assert np.isfinite(filled[:, :35]).all()
     assert np.isnan(filled[:, 36:]).all()
     np.testing.assert_allclose(filled[:, :35], 7.0)
+
+
+def test_only_needed_gaps_get_a_membrane_and_the_others_their_nearest_height():
+    row, column = np.mgrid[0:40, 0:40]
+    z = 160 + 0.3 * column
+    z[5:14, 5:14] = z[25:34, 25:34] = np.nan
+    filled = fill_gaps(z, 3, (row == 9) & (column == 9))
+    np.testing.assert_allclose(filled[5:14], 160 + 0.3 * column[5:14], atol=1e-4)
+    assert filled[29, 26] == z[29, 24]

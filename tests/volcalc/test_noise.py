@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from scipy import ndimage
+from scipy import ndimage, optimize
 
-from quantify_client.volcalc.noise import Noise, functional_std, measure_noise
+from quantify_client.volcalc.noise import Noise, _non_negative, functional_std, measure_noise
 
 SHAPE = (90, 110)
 NOWHERE = np.zeros(SHAPE)
@@ -65,7 +65,7 @@ def test_independent_noise_adds_as_root_sum_of_squares():
     weights = np.zeros((40, 50))
     weights[10:20, 10:30] = 0.04
     noise = Noise(0.01, 0.0, 1.0, np.full((40, 50), 0.01))
-    assert functional_std(weights, noise) == pytest.approx(0.04 * 0.01 * np.sqrt(200))
+    assert functional_std(weights[None], noise)[0] == pytest.approx(0.04 * 0.01 * np.sqrt(200))
 
 
 def test_correlated_noise_adds_by_its_covariance():
@@ -77,7 +77,7 @@ def test_correlated_noise_adds_by_its_covariance():
     covariance = 0.02**2 * np.exp(-square / (2 * 2.5**2))
     exact = np.sqrt(weights.ravel() @ covariance @ weights.ravel())
     noise = Noise(0.0, 0.02, 2.5, np.zeros(weights.shape))
-    assert functional_std(weights, noise) == pytest.approx(exact, rel=1e-3)
+    assert functional_std(weights[None], noise)[0] == pytest.approx(exact, rel=1e-3)
 
 
 def test_large_windows_are_summed_in_blocks_to_the_same_result():
@@ -86,7 +86,7 @@ def test_large_windows_are_summed_in_blocks_to_the_same_result():
     noise = Noise(0.0, 0.02, 6.0, np.zeros(weights.shape))
     # Far inside, the mean over an area A is off by sigma * sqrt(2 pi) * length / sqrt(A).
     exact = 0.02 * np.sqrt(2 * np.pi) * 6.0 * 0.01 * 300
-    assert functional_std(weights, noise) == pytest.approx(exact, rel=0.03)
+    assert functional_std(weights[None], noise)[0] == pytest.approx(exact, rel=0.03)
 
 
 def test_nothing_known_is_no_noise():
@@ -94,3 +94,29 @@ def test_nothing_known_is_no_noise():
     noise = measure_noise(z, np.zeros((30, 30), dtype=int), z, np.zeros((30, 30)))
     assert noise.independent == 0
     assert not noise.cell.any()
+
+
+def test_several_sums_at_once_are_each_as_alone():
+    rng = np.random.default_rng(5)
+    weights = rng.uniform(0, 1, (3, 30, 40)) * (rng.uniform(0, 1, (3, 30, 40)) < 0.2)
+    weights[1, :, :25] = 0.0
+    noise = Noise(0.015, 0.02, 3.0, rng.uniform(0.01, 0.02, (30, 40)))
+    alone = [functional_std(weight[None], noise)[0] for weight in weights]
+    np.testing.assert_allclose(functional_std(weights, noise), alone, rtol=1e-12)
+    np.testing.assert_array_equal(functional_std(np.zeros((2, 30, 40)), noise), 0.0)
+
+
+def test_variances_of_white_and_correlated_noise_are_told_apart_without_negative_shares():
+    """The closed form for two columns finds what scipy's solver finds."""
+    rng = np.random.default_rng(6)
+    columns = rng.uniform(0, 1, (2, 50, 7))
+    columns[1, 0] = 0.0
+    columns[1, 1] = 0.5 * columns[0, 1]
+    right = rng.uniform(0, 1, (50, 7))
+    found = _non_negative(columns, right)
+    for trial in range(50):
+        exact = optimize.nnls(columns[:, trial].T, right[trial])[0]
+        expected = columns[:, trial].T @ exact
+        np.testing.assert_allclose(columns[:, trial].T @ found[:, trial], expected, atol=1e-9)
+    assert (found >= 0).all()
+    assert ((found == 0).any(axis=0)).sum() > 5
