@@ -7,7 +7,7 @@ Frozen dataclasses only. Lengths, areas and volumes are in metres unless a name 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Mapping, Optional, Sequence, Union
+from typing import Any, Mapping, Optional, Sequence, Tuple, Union
 
 import numpy as np
 import numpy.typing as npt
@@ -21,11 +21,14 @@ __all__ = [
     "Chunk",
     "CloudInfo",
     "FloatArray",
+    "Floor",
+    "Gap",
     "IntArray",
     "Measurement",
     "Options",
     "Relief",
     "Slice",
+    "Solid",
     "Window",
 ]
 
@@ -116,8 +119,9 @@ class Options:
     """Everything that decides a measurement; each field is a command-line option of the same name.
 
     ``slices`` is ``"auto"`` or a positive number; ``base`` one of the names in
-    :mod:`quantify_client.volcalc.base`, ``"compare"`` or an elevation in metres; ``density`` is
-    in t/m3.
+    :mod:`quantify_client.volcalc.base`, ``"compare"`` or an elevation in metres; ``floor`` is
+    ``"auto"``, ``"none"``, ``"plane"`` or an elevation in metres; ``max_gap`` is in metres;
+    ``density`` is in t/m3.
     """
 
     area: Optional[Any] = None
@@ -127,6 +131,9 @@ class Options:
     slice_height: Optional[float] = None
     base: Optional[Union[str, float]] = None
     center_caps: bool = False
+    hollow: bool = False
+    max_gap: Optional[float] = None
+    floor: Union[str, float] = "auto"
     grid: bool = False
     source_unit: Optional[str] = None
     density: Optional[float] = None
@@ -197,6 +204,71 @@ class Relief:
 
 
 @dataclass(frozen=True)
+class Gap:
+    """An opening in a body's surface: where its middle is and how wide it is, metres.
+
+    It was closed, and its closing is part of the surface whose volume is told.
+    """
+
+    x: float
+    y: float
+    z: float
+    width: float
+
+
+@dataclass(frozen=True)
+class Floor:
+    """The plane that a body stands on, metres, measuring frame.
+
+    Attributes
+    ----------
+    normal : unit vector, pointing from the floor to the body.
+    elevation : of the plane below the middle of the body.
+    tilt_degrees : between ``normal`` and the vertical.
+    points : how many points of the cloud were taken for ground, and left out.
+    found : ``"in the cloud"``, ``"given"``, or ``"lowest points"`` (a body open below and no
+    ground).
+    """
+
+    normal: Tuple[float, float, float]
+    elevation: float
+    tilt_degrees: float
+    points: int
+    found: str
+
+
+@dataclass(frozen=True)
+class Solid:
+    """What the pictures of a body are drawn from.
+
+    All coordinates are metres relative to ``origin`` (measuring frame, on the ground). A body on a
+    floor is turned so that the floor is level: z is then the height above it.
+
+    Attributes
+    ----------
+    origin : x, y, z.
+    points : (N, 3) float32, some of the points of the body.
+    strays : (S, 3) float32, some of the points left out.
+    ground : (G, 3) float32, some of the points taken for ground.
+    outlines : for each of the result's ``slices``, from the lowest, the closed outlines of its
+    section
+        at middle height: (K, 2) float64 each, without repeating the first point.
+    gaps : openings that were closed, the widest first.
+    convergence : (number of slices, volume when each slice counts as a box of its middle section).
+    floor : what the body stands on, None where there is none.
+    """
+
+    origin: Tuple[float, float, float]
+    points: npt.NDArray[np.float32]
+    strays: npt.NDArray[np.float32]
+    ground: npt.NDArray[np.float32]
+    outlines: Sequence[Sequence[FloatArray]]
+    gaps: Sequence[Gap]
+    convergence: Sequence[Tuple[int, float]]
+    floor: Optional[Floor] = None
+
+
+@dataclass(frozen=True)
 class AreaResult:
     """The measurement of one area (terrain) or of one body (object).
 
@@ -204,7 +276,7 @@ class AreaResult:
     it, both positive. Objects: ``volume_m3`` is the enclosed volume, cut and fill are None.
     ``budget`` is itemised; every standard deviation is the root sum of squares of its column.
     ``bases`` holds the comparison of base surfaces (``--base compare``), each row a complete
-    result of its own. ``relief`` and ``bases`` do not travel into JSON as they are.
+    result of its own. ``relief``, ``solid`` and ``bases`` do not travel into JSON as they are.
     """
 
     name: str
@@ -234,6 +306,7 @@ class AreaResult:
     warnings: Sequence[str] = ()
     bases: Sequence[AreaResult] = ()
     relief: Optional[Relief] = None
+    solid: Optional[Solid] = None
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,7 @@
-"""The report as one page that needs nothing else: no network, no script, no other file."""
+"""The report as one page that needs nothing else: no network, no other file.
+
+A script only where a body can be turned, and the page's policy lets no other run.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +16,7 @@ from .jsonout import to_json
 from .markup import details, facts, note, table, text
 from .result_markup import result_body
 from .units import NOTHING, Units, number
+from .view import script, script_policy, view_markup
 from .words import crs_words, json_words, volume_word
 
 __all__ = ["render_html"]
@@ -30,21 +34,32 @@ def render_html(
 
     `pictures` has the PNG file of each result that has one, by its index.
     """
-    yield _top(measurement)
+    views = sum(isinstance(r, AreaResult) and r.solid is not None for r in measurement.results)
+    yield _top(measurement, views)
     yield _header(measurement, units)
     if len(measurement.results) > 1:
         yield from _summary(measurement, units, overview)
     for index, result in enumerate(measurement.results):
-        yield from _card(index, result, units, pictures.get(index))
+        view = ""
+        if isinstance(result, AreaResult):
+            view = view_markup(result, units, north=bool(measurement.crs), views=views)
+        yield from _card(index, result, units, pictures.get(index), view)
     yield _provenance(measurement)
+    if views:
+        yield f"<script>{script()}</script>\n"
     yield "</body>\n</html>\n"
 
 
-def _top(measurement: Measurement) -> str:
+def _top(measurement: Measurement, views: int) -> str:
     folder = resources.files(__package__)
     template = string.Template((folder / "report.html").read_text("utf-8"))
     style = (folder / "report.css").read_text("utf-8")
-    return template.substitute(title=f"Volumes: {text(measurement.source)}", style=style)
+    scripts = ""
+    if views:
+        style += (folder / "view.css").read_text("utf-8")
+        scripts = f"; script-src {script_policy()}"
+    title = f"Volumes: {text(measurement.source)}"
+    return template.substitute(title=title, style=style, scripts=scripts)
 
 
 def _header(measurement: Measurement, units: Units) -> str:
@@ -76,8 +91,13 @@ def _scale_chip(measurement: Measurement) -> List[Tuple[str, str]]:
 
 def _summary(measurement: Measurement, units: Units, overview: Optional[Path]) -> Iterator[str]:
     """Yield the table of all areas, each a link to its own part."""
-    rows = [_summary_row(i, result, units) for i, result in enumerate(measurement.results)]
     unit = text(units.volume)
+    if any(isinstance(r, AreaResult) and r.solid is not None for r in measurement.results):
+        rows = [_body_row(i, result, units) for i, result in enumerate(measurement.results)]
+        head = ["Body", f"Volume, {unit}", f"\u00b1 95 %, {unit}", "Height", "Surface area"]
+        yield f'<section class="card"><h2>All bodies</h2>{table(head, rows)}</section>\n'
+        return
+    rows = [_summary_row(i, result, units) for i, result in enumerate(measurement.results)]
     head = ["Area", f"Net, {unit}", f"\u00b1 95 %, {unit}", f"Cut, {unit}", f"Fill, {unit}"]
     if all(isinstance(r, AreaFailure) or r.cut_m3 is None for r in measurement.results):
         head[1] = f"Volume, {unit}"
@@ -101,7 +121,17 @@ def _summary_row(index: int, result: Result, units: Units) -> List[str]:
     ]
 
 
-def _card(index: int, result: Result, units: Units, picture: Optional[Path]) -> Iterator[str]:
+def _body_row(index: int, result: Result, units: Units) -> List[str]:
+    row = _summary_row(index, result, units)[:3]
+    if isinstance(result, AreaFailure):
+        return [*row, NOTHING, NOTHING]
+    surface = units.area_text(result.surface_area_m2)
+    return [*row, units.length_text(result.max_height_m), surface]
+
+
+def _card(
+    index: int, result: Result, units: Units, picture: Optional[Path], view: str
+) -> Iterator[str]:
     failed = isinstance(result, AreaFailure)
     yield f'<article class="card{" failed" if failed else ""}" id="area-{index + 1}">'
     yield f"<h2>{text(result.name)}</h2>"
@@ -112,6 +142,7 @@ def _card(index: int, result: Result, units: Units, picture: Optional[Path]) -> 
         yield top
         if picture is not None:
             yield from _picture(picture, f"{volume_word(result)} of {result.name}: views")
+        yield view
         yield rest
     yield "</article>\n"
 

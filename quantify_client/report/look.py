@@ -26,6 +26,7 @@ __all__ = [
     "PAPER",
     "diverging",
     "drawable",
+    "heights",
     "nice_step",
     "style",
     "ticks",
@@ -51,6 +52,8 @@ DIVERGING = (
     (0.86, "#bb5130"),
     (1.00, "#6e1d12"),
 )
+# Of heights in a body, from the lowest: what is dark lies deep.
+HEIGHTS = ("#1f4a48", "#3c6f5f", "#6b9270", "#a3b07a", "#d9bf83")
 # Written in text, never as TeX: names hold dollar signs.
 SETTINGS: Dict[str, Any] = {
     "font.family": "DejaVu Sans",
@@ -95,6 +98,12 @@ def style() -> Any:
 def diverging() -> LinearSegmentedColormap:
     """Return the colours of a height above the base: blue below, near white at 0, brown above."""
     return LinearSegmentedColormap.from_list("height above base", list(DIVERGING))
+
+
+@functools.cache
+def heights() -> LinearSegmentedColormap:
+    """Return the colours of a height in a body, from its lowest point (0) to its highest (1)."""
+    return LinearSegmentedColormap.from_list("height in the body", list(HEIGHTS))
 
 
 @functools.cache

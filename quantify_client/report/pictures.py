@@ -10,8 +10,11 @@ import shapely
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ..types import AreaResult, Measurement, Relief
+from ..types import AreaResult, Measurement, Relief, Solid
+from .body_profile import draw_convergence, draw_heights
 from .look import INK, MUTED, PAPER, drawable, style
+from .multiples import SHOWN, draw_sections
+from .outlines import chosen, sections_of
 from .plan import (
     HALO,
     View,
@@ -28,6 +31,7 @@ from .plan import (
 from .profile import draw_profile
 from .section import draw_section, section_of
 from .shading import Ground, coarse, height_limit, paint
+from .stack import draw_stack
 from .units import NOTHING, Units
 from .words import is_terrain, volume_word
 
@@ -52,9 +56,11 @@ class Layout:
 
 
 def area_picture(result: AreaResult, measurement: Measurement, units: Units) -> bytes:
-    """Draw plan, section and profile of an area, or the profile alone of a body without relief."""
+    """Draw plan, section and profile of an area, or a body's sections or, without, its profile."""
     with style():
-        if result.relief is None:
+        if result.solid is not None:
+            figure = _body(result, result.solid, units)
+        elif result.relief is None:
             figure = _profile_only(result, units)
         else:
             figure = _three_views(result, result.relief, measurement, units)
@@ -116,6 +122,18 @@ def _profile_only(result: AreaResult, units: Units) -> Figure:
     return figure
 
 
+def _body(result: AreaResult, solid: Solid, units: Units) -> Figure:
+    figure = _figure(8.9)
+    sections = sections_of(result, solid)
+    shown = chosen(sections, SHOWN)
+    draw_stack(_axes(figure, (0.45, 3.75, 4.15, 3.95)), sections)
+    draw_convergence(_axes(figure, (1.1, 0.7, 3.5, 2.05)), result, solid, units)
+    draw_sections(_axes(figure, (5.1, 0.3, 5.1, 7.4)), shown, units)
+    draw_heights(_axes(figure, (11.0, 0.7, 2.45, 7.0)), result, shown, units)
+    _head(figure, result, units)
+    return figure
+
+
 def _head(figure: Figure, result: AreaResult, units: Units) -> None:
     top = figure.get_figheight()
     figure.text(
@@ -130,6 +148,9 @@ def _head(figure: Figure, result: AreaResult, units: Units) -> None:
             ("fill", result.fill_m3, result.fill_std_m3),
         ]
     words = [_amount(word, value, std, units) for word, value, std in parts]
+    if result.solid is not None:
+        words.append(f"height {units.length_text(result.max_height_m)}")
+        words.append(f"surface {units.area_text(result.surface_area_m2)}")
     figure.text(0.03, 1 - 0.66 / top, "     ".join(words), size=11.5, color=MUTED, va="center")
 
 

@@ -12,7 +12,7 @@ from .look import BASE, BODY, CUT, FILL, limits_with_margin, ticks
 from .units import Units
 from .words import is_terrain
 
-__all__ = ["draw_profile"]
+__all__ = ["SEPARATE", "draw_profile", "slice_bars"]
 
 SEPARATE = 60  # more slices than this are drawn without lines between them
 
@@ -21,7 +21,7 @@ def draw_profile(axes: Any, result: AreaResult, units: Units) -> None:
     """Draw a bar per slice: as long as its area, as thick as its height."""
     slices = [s for s in result.slices if np.isfinite(s.area_m2)]
     terrain = is_terrain(result)
-    bars = _bars(slices, units)
+    bars = slice_bars(slices, units)
     colours = [(CUT if s.z_m > 0 else FILL) if terrain else BODY for s in slices]
     edge = "white" if len(slices) <= SEPARATE else "face"
     axes.add_collection(
@@ -36,7 +36,7 @@ def draw_profile(axes: Any, result: AreaResult, units: Units) -> None:
     _label(axes, terrain, units)
 
 
-def _bars(slices: Sequence[Slice], units: Units) -> Any:
+def slice_bars(slices: Sequence[Slice], units: Units) -> Any:
     """Return (N, 4, 2) corners in display units."""
     middle = np.array([s.z_m for s in slices]) * units.length_per_m
     half = np.array([s.height_m for s in slices]) * units.length_per_m / 2

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import List, Optional, Tuple
 
 from ..types import AreaResult
+from .body_words import floor_words, gap_words
 from .jsonout import interval95
 from .markup import bar, details, facts, note, table, text
 from .units import NOTHING, Units, count, number
@@ -25,7 +26,11 @@ def result_body(result: AreaResult, units: Units) -> Tuple[str, str]:
         below.append(details_open("Base surfaces compared", _bases(result, units)))
     if result.slices:
         below.append(details(f"Slices ({len(result.slices)})", _slices(result, units)))
-    return _headline(result, units) + note(list(result.warnings)), "".join(below)
+    above = [_headline(result, units), note(list(result.warnings))]
+    if result.solid is not None:
+        words = f"{floor_words(result.solid, units)} {gap_words(result.solid, units)}"
+        above.append(f'<p class="stands">{text(words)}</p>')
+    return "".join(above), "".join(below)
 
 
 def details_open(summary: str, markup: str) -> str:
@@ -47,6 +52,8 @@ def _headline(result: AreaResult, units: Units) -> str:
         ]
     if result.mass_t is not None:
         tiles.append(_mass_tile(result, units))
+    if result.solid is not None:
+        tiles += _body_tiles(result, units)
     return f'<dl class="headline">{"".join(tiles)}</dl>'
 
 
@@ -73,6 +80,33 @@ def _mass_tile(result: AreaResult, units: Units) -> str:
     return (
         f'<div><dt>Mass</dt><dd><div class="big">{shown}<small>{plus} {text(unit)}</small></div>'
         f'<div class="interval">{of}, \u00b1 95 %</div></dd></div>'
+    )
+
+
+def _body_tiles(result: AreaResult, units: Units) -> List[str]:
+    height = units.length_number(result.max_height_m)
+    surface, _, unit = units.area_text(result.surface_area_m2).partition("\u00a0")
+    low, high = units.length_number(result.min_z_m), units.length_text(result.max_z_m)
+    thick = units.length_text(result.slice_height_m)
+    left_out = sum(result.points_left_out.values())
+    return [
+        _plain_tile("Height", height, units.length, f"elevation {low} to {high}"),
+        _plain_tile("Surface area", surface, unit, "of the body"),
+        _plain_tile(
+            "Slices",
+            count(len(result.slices)),
+            "",
+            "of uneven height" if thick == NOTHING else f"{thick} each",
+        ),
+        _plain_tile("Points used", count(result.points_used), "", f"{count(left_out)} left out"),
+    ]
+
+
+def _plain_tile(name: str, value: str, unit: str, below: str) -> str:
+    return (
+        f'<div><dt>{text(name)}</dt><dd><div class="big">{text(value)}'
+        f"<small> {text(unit)}</small></div>"
+        f'<div class="interval">{text(below)}</div></dd></div>'
     )
 
 

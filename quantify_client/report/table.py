@@ -10,7 +10,8 @@ from rich.table import Table
 from rich.text import Text
 
 from ..types import AreaFailure, AreaResult, Measurement
-from .units import MINUS, NOTHING, THIN_SPACE, Units, display_units
+from .body_words import floor_words, gap_words, left_out_words
+from .units import MINUS, NOTHING, THIN_SPACE, Units, count, display_units
 from .words import base_words, coverage_words, crs_words, is_terrain, printable, volume_word
 
 __all__ = ["print_table"]
@@ -68,6 +69,12 @@ def _row(result: AreaResult, units: Units) -> Row:
         row.append(("In plan", units.area_text(result.area_m2)))
     if result.coverage is not None:
         row.append(("Coverage", coverage_words(result.coverage)))
+    if result.solid is not None:
+        row += [
+            ("Height", units.length_text(result.max_height_m)),
+            ("Surface", units.area_text(result.surface_area_m2)),
+            ("Slices", count(len(result.slices))),
+        ]
     if result.mass_t is not None:
         row.append(("Mass", _mass(result, units)))
     if result.base is not None:
@@ -120,6 +127,11 @@ def _print_lines(console: Console, row: Row) -> None:
 
 def _print_remarks(console: Console, result: AreaResult, units: Units, named: bool) -> None:
     name = f"{result.name}: " if named else ""
+    if result.solid is not None:
+        _print(console, f"{name}{floor_words(result.solid, units)}")
+        _print(console, f"{name}{gap_words(result.solid, units)}")
+        used = count(result.points_used)
+        _print(console, f"{name}Points: {used} used; left out: {left_out_words(result)}.")
     for check in result.checks:
         volume = units.volume_text(check.volume_m3, result.std_m3)
         _print(console, f"{name}check by {check.method}: {volume}")

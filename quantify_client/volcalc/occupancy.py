@@ -1,0 +1,75 @@
+"""The volume of a body by another route: cells flooded from outside.
+
+Space is cut into cells. What is near a point is the skin; the outside is flooded from the edge,
+and what the flood does not reach is inside. Half of the skin counts. That is too much where the
+surface is curved or has an edge, by the square of the skin's thickness (Steiner): two thicknesses
+tell what none would give. Neither sections nor tetrahedra are involved.
+"""
+
+from __future__ import annotations
+
+from typing import Optional
+
+import numpy as np
+from scipy.ndimage import binary_dilation, distance_transform_edt, label
+from scipy.spatial import cKDTree
+
+from ..types import FloatArray, IntArray
+
+__all__ = ["occupancy_volume"]
+
+#: Half the thicknesses of the skin, in spacings; the first is the thinnest that points at random
+#: close.
+_SKINS = (1.6, 2.4)
+
+_CELLS = 1.25  # cells along the thinner half at least
+_MOST_ALONG = 120  # cells along the longest side at most
+
+#: A body whose inside is a smaller share of the skin is all wall: nothing is left to flood.
+_LEAST_INSIDE = 0.05
+
+
+def occupancy_volume(points: FloatArray, spacing: float) -> Optional[float]:
+    """Return the volume enclosed by a surface, cubic metres, None where the flood gets in.
+
+    Parameters
+    ----------
+    points : (N, 3) float64, metres, on the surface.
+    spacing : distance of a point to its sixth neighbour, metres.
+    """
+    extent = float(np.ptp(points, axis=0).max())
+    cell = max(_SKINS[0] * spacing / _CELLS, extent / _MOST_ALONG)
+    thin, thick = (half / _SKINS[0] * _CELLS * cell for half in _SKINS)
+    margin = int(np.ceil(thick / cell)) + 2
+    low = points.min(axis=0) - (margin + 0.5) * cell
+    shape = (np.ceil((points.max(axis=0) - low) / cell) + margin + 1).astype(np.int64)
+    away = _distances(points, low, cell, shape, thick + cell)
+    volumes = [_flooded(away, half, cell) for half in (thin, thick)]
+    if volumes[0] is None or volumes[1] is None:
+        return None
+    square = (thick / thin) ** 2
+    return (square * volumes[0] - volumes[1]) / (square - 1.0) * cell**3
+
+
+def _distances(
+    points: FloatArray, low: FloatArray, cell: float, shape: IntArray, reach: float
+) -> FloatArray:
+    """(nx, ny, nz) from the middles of cells to the nearest point, inf beyond `reach`."""
+    empty = np.ones(tuple(shape), dtype=bool)
+    empty[tuple(((points - low) / cell).astype(np.int64).T)] = False
+    near = distance_transform_edt(empty) <= reach / cell + 1.0
+    away = np.full(empty.shape, np.inf)
+    middles = low + (np.argwhere(near) + 0.5) * cell
+    away[near] = cKDTree(points).query(middles, distance_upper_bound=reach)[0]
+    return away
+
+
+def _flooded(away: FloatArray, half: float, cell: float) -> Optional[float]:
+    """Return the number of cells inside and in half the skin, parts of cells counted."""
+    free = away > half
+    parts = label(free)[0]
+    inside = free & (parts != parts[0, 0, 0])
+    share = np.clip((away - half) / cell + 0.5, 0.0, 1.0)
+    skin = float((1.0 - share).sum())
+    within = float(share[binary_dilation(inside)].sum())
+    return None if within < _LEAST_INSIDE * skin else within + 0.5 * skin

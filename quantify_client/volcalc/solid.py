@@ -1,0 +1,289 @@
+"""A closed body, from its points to its result: ``--method section``."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Callable, Optional, Union
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import InputError
+from ..types import AreaResult, BudgetItem, Check, FloatArray, Gap, Slice, Solid
+from .enclose import Enclosed, Open, enclose
+from .occupancy import occupancy_volume
+from .slices import slab_edges
+from .solid_words import open_surface, words
+from .standing import Standing, on_lowest_points, stand
+from .voxels import Thinned
+
+__all__ = ["SolidRecipe", "measure_solid"]
+
+#: Slices when nobody says. Their number does not change the volume.
+_AUTO_SLICES = 50
+
+#: Numbers of slices whose plain sum of boxes the report shows.
+_CONVERGENCE = (5, 10, 20, 50, 100, 200, 500, 1000)
+
+#: Every third point measures the body once more, or every second where a third does not tell its
+#: walls apart. Errors fall with the number of points: these shares of the difference are the error
+#: left.
+_RESAMPLED = ((3, 0.5), (2, 1.0))
+_SAME = 0.05
+_FEWEST = 100
+
+#: Share of the skin's half thickness, and of what noise was found to do, that the outline may be
+#: off by.
+_OUTLINE_OF_SKIN = 0.02
+_OUTLINE_OF_NOISE = 0.3
+
+#: Points of each kind that go to the report.
+_SHOWN = 20_000
+
+
+@dataclass(frozen=True)
+class SolidRecipe:
+    """How a body is to be measured.
+
+    Attributes
+    ----------
+    slices : ``"auto"`` or the number of slices.
+    slice_height : of the slices at most, metres; it decides when given.
+    hollow : what would hold water, and what is enclosed, is void.
+    max_gap : widest opening in the surface to be closed, metres; None for any.
+    floor : ``"auto"``, ``"none"``, ``"plane"`` or an elevation in metres.
+    ground_factor : grid length / ground length at the site.
+    """
+
+    slices: Union[str, int] = "auto"
+    slice_height: Optional[float] = None
+    hollow: bool = False
+    max_gap: Optional[float] = None
+    floor: Union[str, float] = "auto"
+    ground_factor: float = 1.0
+
+
+def measure_solid(name: str, cloud: Thinned, recipe: SolidRecipe) -> AreaResult:
+    """Return the volume of a body.
+
+    Parameters
+    ----------
+    cloud : points on the body's surface, metres, measuring frame.
+
+    Raises
+    ------
+    InputError
+        Where the points span no body or enclose nothing.
+    """
+    if len(cloud.points) < 4:
+        raise InputError(
+            f"{len(cloud.points)} points: a volume needs at least 4; give the whole cloud"
+        )
+    here = _Here.of(cloud, recipe.ground_factor)
+    standing, body = _enclosed(here, cloud, recipe)
+    hidden, hidden_std = _hidden(standing, body)
+    volume = body.volume + hidden
+    budget = (
+        BudgetItem("outline", _outline_std(body)),
+        BudgetItem("sampling", _sampling_std(standing, body, recipe)),
+        BudgetItem("slicing", 0.0),
+        BudgetItem("coverage", hidden_std),
+    )
+    std = math.hypot(*(item.std_m3 for item in budget))
+    checks = _checks(standing, body, hidden, recipe)
+    edges = _edges(standing, body, recipe)
+    slices = _slices(standing, body, edges, hidden)
+    zero = here.elevation(standing)
+    return AreaResult(
+        name=name,
+        volume_m3=volume,
+        cut_m3=None,
+        fill_m3=None,
+        std_m3=std,
+        cut_std_m3=None,
+        fill_std_m3=None,
+        budget=budget,
+        area_m2=None,
+        surface_area_m2=None,
+        perimeter_m=None,
+        min_z_m=float(edges[0]) + zero,
+        max_z_m=float(edges[-1]) + zero,
+        max_height_m=float(edges[-1] - edges[0]),
+        coverage=None,
+        points_used=int(standing.counts.sum()),
+        points_left_out={"ground": standing.ground_count, "stray": standing.stray_count},
+        slice_height_m=float(edges[1] - edges[0]),
+        slices=tuple(replace(part, z_m=part.z_m + zero) for part in slices),
+        checks=checks,
+        warnings=words(cloud, standing, body, hidden, std, checks, volume, here.place(standing)),
+        solid=_drawn(here, standing, body, edges, _convergence(body, edges, hidden)),
+    )
+
+
+@dataclass(frozen=True)
+class _Here:
+    """Coordinates near the body: metres on the ground from an origin."""
+
+    origin: FloatArray
+    scale: FloatArray
+
+    @classmethod
+    def of(cls, cloud: Thinned, ground_factor: float) -> _Here:
+        middle = cloud.points.mean(axis=0)
+        return cls(middle, np.array([ground_factor, ground_factor, 1.0]))
+
+    def local(self, points: FloatArray) -> FloatArray:
+        return (points - self.origin) / self.scale
+
+    def elevation(self, standing: Standing) -> float:
+        """Return the elevation of height 0."""
+        pivot = 0.0 if standing.pose is None else float(standing.pose.pivot[2])
+        return float(self.origin[2]) + pivot
+
+    def place(self, standing: Standing) -> Callable[[Gap], str]:
+        """Return what says where an opening is, in the cloud's own measuring frame."""
+
+        def say(gap: Gap) -> str:
+            found = standing.as_found(np.array([[gap.x, gap.y, gap.z]]))
+            x, y, z = (found * self.scale + self.origin)[0].tolist()
+            return f"({x:.2f}, {y:.2f}, {z:.2f})"
+
+        return say
+
+
+def _enclosed(here: _Here, cloud: Thinned, recipe: SolidRecipe) -> tuple[Standing, Enclosed]:
+    """Return the points and their body; one that is open below is closed at its lowest points."""
+    floor = recipe.floor
+    if not isinstance(floor, str):
+        floor = float(floor) - float(here.origin[2])
+    standing = stand(here.local(cloud.points), cloud.counts, floor)
+    body = _enclose(standing.points, standing.lid, recipe)
+    if isinstance(body, Open) and not body.leaks and standing.pose is None and floor == "auto":
+        closed = on_lowest_points(standing)
+        body = _enclose(closed.points, closed.lid, recipe)
+        standing = closed
+    if isinstance(body, Open):
+        raise InputError(open_surface(body.leaks, here.place(standing)))
+    if standing.floor is not None:
+        elevation = standing.floor.elevation + float(here.origin[2])
+        standing = replace(standing, floor=replace(standing.floor, elevation=elevation))
+    return standing, body
+
+
+def _enclose(points: FloatArray, lid: FloatArray, recipe: SolidRecipe) -> Union[Enclosed, Open]:
+    return enclose(np.vstack([points, lid]), hollow=recipe.hollow, max_gap=recipe.max_gap)
+
+
+def _hidden(standing: Standing, body: Enclosed) -> tuple[float, float]:
+    """Return the volume below the lowest section, and its standard deviation.
+
+    What went with the ground is upright. Of what nobody saw above it, between none and all is body.
+    """
+    if not len(standing.lid):
+        return 0.0, 0.0
+    above = body.surface.lowest + 1.5 * body.spacing
+    area = float(body.surface.areas(np.array([above]))[0])
+    half = 0.0 if standing.pose is None else 0.5
+    return (
+        area * (standing.sure + half * standing.unsure),
+        area * standing.unsure / math.sqrt(12.0),
+    )
+
+
+def _outline_std(body: Enclosed) -> float:
+    """Return what noise may do to the surface: from its outer against its inner skin."""
+    noise = body.volume * (1.0 - 1.0 / body.scale)
+    return math.hypot(_OUTLINE_OF_NOISE * noise, _OUTLINE_OF_SKIN * 0.5 * (body.outer + body.inner))
+
+
+def _sampling_std(standing: Standing, body: Enclosed, recipe: SolidRecipe) -> float:
+    """Return what the points' number and places do, from the body by every third of them."""
+    for every, error in _RESAMPLED:
+        some = standing.points[::every]
+        again = _enclose(some, standing.lid, recipe) if len(some) >= _FEWEST else None
+        if isinstance(again, Enclosed) and abs(again.volume - body.volume) < _SAME * body.volume:
+            return error * abs(again.volume - body.volume)
+    return 0.5 * (body.outer + body.inner)
+
+
+def _checks(
+    standing: Standing, body: Enclosed, hidden: float, recipe: SolidRecipe
+) -> tuple[Check, ...]:
+    """Return the volume by cells; none where openings let their flood in."""
+    if body.gaps or body.thin_walled:
+        return ()
+    enclosed = occupancy_volume(np.vstack([standing.points, standing.lid]), body.spacing)
+    if enclosed is None:
+        return ()
+    volume = enclosed + hidden + (-body.voids if recipe.hollow else body.water)
+    return (Check("flooded cells", volume),)
+
+
+def _edges(standing: Standing, body: Enclosed, recipe: SolidRecipe) -> FloatArray:
+    """(M + 1,) edges of the slices, from the floor or the lowest point to the highest."""
+    lowest = 0.0 if standing.pose is not None else body.surface.lowest
+    highest = body.surface.highest
+    count = _AUTO_SLICES if recipe.slices == "auto" else int(recipe.slices)
+    if recipe.slice_height is not None:
+        count = max(1, math.ceil((highest - lowest) / recipe.slice_height - 1e-9))
+    return slab_edges(min(lowest, body.surface.lowest), highest, count)
+
+
+def _slices(
+    standing: Standing, body: Enclosed, edges: FloatArray, hidden: float
+) -> tuple[Slice, ...]:
+    """Return the slices; what is hidden lies evenly between the floor and the foot."""
+    middles = 0.5 * (edges[1:] + edges[:-1])
+    volumes = np.diff(body.surface.volume_below(edges), prepend=0.0)[1:] * body.scale
+    areas = body.surface.areas(middles) * body.scale
+    gap = standing.sure + standing.unsure
+    if hidden > 0.0:
+        volumes += hidden * np.diff(np.clip(edges, 0.0, gap)) / gap
+        areas += np.where(middles < gap, hidden / gap, 0.0)
+    z = np.clip(standing.points[:, 2], edges[0], edges[-1])
+    points = np.histogram(z, edges, weights=standing.counts)[0].astype(np.int64)
+    height = float(edges[1] - edges[0])
+    return tuple(
+        Slice(z_m=z_m, height_m=height, area_m2=area, volume_m3=volume, points=held)
+        for z_m, area, volume, held in zip(
+            middles.tolist(), areas.tolist(), volumes.tolist(), points.tolist()
+        )
+    )
+
+
+def _convergence(body: Enclosed, edges: FloatArray, hidden: float) -> tuple[tuple[int, float], ...]:
+    """Return the volume as a plain sum of boxes, by their number."""
+    rows = []
+    for count in _CONVERGENCE:
+        some = np.linspace(body.surface.lowest, body.surface.highest, count + 1)
+        boxes = body.surface.areas(0.5 * (some[1:] + some[:-1])) * np.diff(some)
+        rows.append((count, float(boxes.sum()) * body.scale + hidden))
+    return tuple(rows)
+
+
+def _drawn(
+    here: _Here,
+    standing: Standing,
+    body: Enclosed,
+    edges: FloatArray,
+    convergence: tuple[tuple[int, float], ...],
+) -> Solid:
+    """Return what the pictures are drawn from."""
+    zero = here.elevation(standing)
+    middles = 0.5 * (edges[1:] + edges[:-1])
+    return Solid(
+        origin=(float(here.origin[0]), float(here.origin[1]), zero),
+        points=_some(standing.points),
+        strays=_some(standing.strays),
+        ground=_some(standing.ground),
+        outlines=tuple(tuple(body.surface.outlines(z)) for z in middles.tolist()),
+        gaps=body.gaps,
+        convergence=convergence,
+        floor=standing.floor,
+    )
+
+
+def _some(points: FloatArray) -> npt.NDArray[np.float32]:
+    step = max(1, math.ceil(len(points) / _SHOWN))
+    return points[::step].astype(np.float32)

@@ -1,0 +1,148 @@
+"""What the user should know of a body's measurement: one line each."""
+
+from __future__ import annotations
+
+from typing import Callable, Iterator, Sequence
+
+from ..types import Check, Gap
+from .enclose import Enclosed
+from .standing import Standing
+from .voxels import Thinned
+
+__all__ = ["open_surface", "words"]
+
+#: Shares of the volume, or of the points, that are worth a word.
+_HIDDEN = 0.02
+_STRAYS = 0.03
+_CHECK_OFF = 0.01
+_CHECK_OF_SKIN = 0.25
+_THIN = 0.25
+
+_Place = Callable[[Gap], str]
+
+
+def words(
+    cloud: Thinned,
+    standing: Standing,
+    body: Enclosed,
+    hidden: float,
+    std: float,
+    checks: Sequence[Check],
+    volume: float,
+    place: _Place,
+) -> tuple[str, ...]:
+    """Return what to warn of, the gravest first."""
+    return (
+        *_leaks(body, place),
+        *_gaps(body, place),
+        *_floor(standing, hidden, volume),
+        *_walls(body),
+        *_hollows(body, volume),
+        *_points(cloud, standing),
+        *_check(body, checks, volume, std),
+    )
+
+
+def open_surface(leaks: Sequence[Gap], place: _Place) -> str:
+    """Return why points enclose nothing, and what to do."""
+    if leaks:
+        widest = leaks[0]
+        return (
+            f"the surface is open at {place(widest)}, {widest.width:.3g} m wide, wider than "
+            f"--max-gap allows; give --max-gap {1.01 * widest.width:.3g} to close it, or "
+            "photograph that side"
+        )
+    return (
+        "the points enclose no space: expected the surface of a body seen from all sides; for a "
+        "body on the ground keep some ground round it or give --floor Z, for a piece of land use "
+        "--shape terrain"
+    )
+
+
+def _leaks(body: Enclosed, place: _Place) -> Iterator[str]:
+    for leak in body.leaks[:3]:
+        yield (
+            f"the surface is open at {place(leak)}, {leak.width:.3g} m wide: what lies behind is "
+            f"not counted; give --max-gap {1.01 * leak.width:.3g} to close it"
+        )
+
+
+def _gaps(body: Enclosed, place: _Place) -> Iterator[str]:
+    if body.gaps:
+        widest, number = body.gaps[0], len(body.gaps)
+        count = "1 opening in the surface was" if number == 1 else f"{number} openings were"
+        yield (
+            f"{count} closed, the widest {widest.width:.3g} m wide at {place(widest)}; "
+            "--max-gap sets how wide an opening may be closed"
+        )
+
+
+def _floor(standing: Standing, hidden: float, volume: float) -> Iterator[str]:
+    floor = standing.floor
+    if floor is None:
+        return
+    if floor.found == "lowest points":
+        yield (
+            "the body is open below and no ground is in the cloud: it was closed flat at its "
+            "lowest points; --floor Z sets another elevation"
+        )
+    elif floor.found == "in the cloud":
+        yield (
+            f"{floor.points:,} points lie on a floor at {floor.elevation:.3f} m, tilted by "
+            f"{floor.tilt_degrees:.1f} degrees: they were left out and the body stands upright on "
+            "it; --floor none measures all points"
+        )
+    if hidden > _HIDDEN * volume:
+        yield (
+            f"the lowest {standing.unsure:.3g} m above the floor were not seen: half of what is "
+            f"upright below the lowest section, {hidden:.4g} m3, was added; photograph from lower "
+            "down"
+        )
+
+
+def _walls(body: Enclosed) -> Iterator[str]:
+    if body.thin_walled:
+        yield (
+            f"the walls are thinner than 3 point spacings ({body.spacing:.2g} m): their two sides "
+            "cannot be told apart and the volume may be off by several percent; take more points"
+        )
+    elif body.narrow > _THIN:
+        yield (
+            f"{100 * body.narrow:.0f} % of the body are thinner than 3 point spacings "
+            f"({body.spacing:.2g} m) or lost in noise; take more points"
+        )
+
+
+def _hollows(body: Enclosed, volume: float) -> Iterator[str]:
+    if body.water > 0.002 * volume:
+        yield (
+            f"a hollow that would hold {body.water:.4g} m3 of water counts as solid; --hollow "
+            "leaves it out"
+        )
+    if body.voids > 0.002 * volume:
+        yield (
+            f"{body.voids:.4g} m3 are enclosed voids; they count as solid unless --hollow is given"
+        )
+
+
+def _points(cloud: Thinned, standing: Standing) -> Iterator[str]:
+    total = int(cloud.counts.sum())
+    if cloud.edge > 0.0:
+        yield (
+            f"{total:,} points were thinned to {len(cloud.points):,}, one for each cube of "
+            f"{cloud.edge:.2g} m"
+        )
+    if standing.stray_count > _STRAYS * total:
+        share = 100.0 * standing.stray_count / total
+        yield f"{share:.0f} % of the points are strays far from the surface and were left out"
+
+
+def _check(body: Enclosed, checks: Sequence[Check], volume: float, std: float) -> Iterator[str]:
+    # The check itself is off by what noise does to its skin.
+    own = _CHECK_OFF * volume + _CHECK_OF_SKIN * 0.5 * (body.outer + body.inner)
+    for check in checks:
+        if abs(check.volume_m3 - volume) > 1.96 * std + own:
+            yield (
+                f"the check by {check.method} gives {check.volume_m3:.4g} m3, which is outside the "
+                "interval: look at the sections"
+            )
