@@ -11,7 +11,8 @@ from .volcalc.integrate import MAX_SLICES
 
 __all__ = ["check_options", "choose_shape"]
 
-_OBJECT_METHODS = ("polar",)
+_OBJECT_METHODS = ("section", "polar")
+_FLOORS = ("auto", "none", "plane")
 
 
 def check_options(options: Options) -> Options:
@@ -24,13 +25,14 @@ def check_options(options: Options) -> Options:
     """
     _check_slices(options)
     _check_base(options)
+    _check_object(options)
     density, sigma = options.density, options.density_sigma
     if density is not None and not 0 < density < math.inf:
         raise UsageError(f"--density is {density}; give tonnes per cubic metre above 0")
     if not 0 <= sigma < math.inf:
         raise UsageError(f"the sigma of --density is {sigma}; give tonnes per cubic metre from 0")
     if options.method is not None and options.method not in _OBJECT_METHODS:
-        raise UsageError(f"--method is {options.method}; this version has {_OBJECT_METHODS[0]}")
+        raise UsageError(f"--method is {options.method}; give {' or '.join(_OBJECT_METHODS)}")
     if options.threads < 0:
         raise UsageError(f"--threads is {options.threads}; give a number from 1")
     return options
@@ -55,6 +57,18 @@ def _check_base(options: Options) -> None:
         raise UsageError(f"--base is {base}; give a finite elevation")
 
 
+def _check_object(options: Options) -> None:
+    gap, floor = options.max_gap, options.floor
+    if gap is not None and not 0 < gap < math.inf:
+        raise UsageError(f"--max-gap is {gap}; give a length above 0")
+    if floor not in _FLOORS if isinstance(floor, str) else not math.isfinite(floor):
+        raise UsageError(f"--floor is {floor}; give {', '.join(_FLOORS)} or an elevation")
+    if options.center_caps and options.method == "section":
+        raise UsageError("--center-caps goes with --method polar: leave one of them out")
+    if options.method == "polar" and (options.hollow or gap is not None or floor != "auto"):
+        raise UsageError("--hollow, --max-gap and --floor go with --method section, not polar")
+
+
 def choose_shape(options: Options, *, has_crs: bool, is_odm: bool) -> str:
     """Return ``"terrain"`` or ``"object"``: what was asked for, or what the source is.
 
@@ -66,12 +80,21 @@ def choose_shape(options: Options, *, has_crs: bool, is_odm: bool) -> str:
     >>> choose_shape(Options(), has_crs=True, is_odm=False)
     'terrain'
     """
-    for_object = options.method is not None or options.center_caps
+    for_object = (
+        options.method is not None
+        or options.center_caps
+        or options.hollow
+        or options.max_gap is not None
+        or options.floor != "auto"
+    )
     for_terrain = options.base is not None
     if options.shape not in ("auto", "terrain", "object"):
         raise UsageError(f"--shape is {options.shape}; give auto, terrain or object")
     if for_object and (for_terrain or options.shape == "terrain"):
-        raise UsageError("--method and --center-caps go with --shape object, --base with terrain")
+        raise UsageError(
+            "--method, --center-caps, --hollow, --max-gap and --floor go with --shape object, "
+            "--base with --shape terrain"
+        )
     if options.shape == "object" and for_terrain:
         raise UsageError("--base goes with --shape terrain: leave one of them out")
     shape = options.shape

@@ -89,8 +89,8 @@ def _parser() -> argparse.ArgumentParser:
 
 
 _VOLUME = (
-    "Measures cut, fill and net of terrain above a base, or (--shape object) a body by the paper's "
-    "slices. Options of lengths are in metres."
+    "Measures cut, fill and net of terrain above a base, or (--shape object) the volume of a body "
+    "whose surface the cloud covers. Options of lengths are in metres."
 )
 _SOURCE = (
     ".laz .las .copc.laz .ply .csv .xyz .txt, an ept.json, an ODM project folder, an all.zip, or "
@@ -102,7 +102,11 @@ def _add_measuring(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--area", metavar="FILE", help="polygons (GeoJSON); one result for each")
     add("--shape", choices=("auto", "object", "terrain"), default="auto")
-    add("--method", choices=("polar",), help="object: polar is the paper's")
+    add(
+        "--method",
+        choices=("section", "polar"),
+        help="object: sections of any body (default), or the paper's slices",
+    )
     add("--slices", type=_slices, default="auto", metavar="auto|N", help="number of slices")
     add("--slice-height", type=_length, metavar="LENGTH", help="height of the slices")
     add(
@@ -110,6 +114,20 @@ def _add_measuring(parser: argparse.ArgumentParser) -> None:
         type=_base,
         metavar="triangulate|plane|average|lowest|highest|ELEVATION|compare",
         help="terrain: the surface that volumes are measured from (default triangulate)",
+    )
+    add("--hollow", action="store_true", help="object: what would hold water is void, not solid")
+    add(
+        "--max-gap",
+        type=_length,
+        metavar="LENGTH",
+        help="object: widest opening in the surface to be closed (default: found from the cloud)",
+    )
+    add(
+        "--floor",
+        type=_base,
+        default="auto",
+        metavar="auto|none|plane|Z",
+        help="object: what it stands on; the ground is left out and the body closed there",
     )
     add("--center-caps", action="store_true", help="polar: end slabs centred on the end points")
     add("--grid", action="store_true", help="no grid-to-ground correction")
@@ -182,6 +200,9 @@ def _volume(given: argparse.Namespace) -> int:
             slice_height=given.slice_height,
             base=given.base,
             center_caps=given.center_caps,
+            hollow=given.hollow,
+            max_gap=given.max_gap,
+            floor=given.floor,
             grid=given.grid,
             source_unit=given.source_unit,
             density=density,
@@ -219,7 +240,8 @@ def _deliver(measurement: Measurement, given: argparse.Namespace) -> int:
 
 
 def _info(given: argparse.Namespace) -> int:
-    found = describe(*given.sources, source_unit=given.source_unit)
+    with _progress() as progress:
+        found = describe(*given.sources, source_unit=given.source_unit, progress=progress)
     if given.json:
         print(json.dumps(found, indent=2, allow_nan=False))
         return 0
@@ -228,11 +250,17 @@ def _info(given: argparse.Namespace) -> int:
         if key == "files":
             value = ", ".join(f"{item['path']} ({item['size']:,} bytes)" for item in value)
         elif isinstance(value, dict):
-            value = ", ".join(f"{k} {v:.3f}" for k, v in value.items())
+            value = ", ".join(f"{k} {_brief(v)}" for k, v in value.items())
         elif isinstance(value, (list, tuple)):
             value = "; ".join(value) or "none"
         console.print(f"{key:>15}  {printable(value)}", markup=False, highlight=False)
     return 0
+
+
+def _brief(value: object) -> str:
+    if isinstance(value, tuple):
+        return " ".join(_brief(part) for part in value)
+    return f"{value:.3f}" if isinstance(value, float) else str(value)
 
 
 def _demo(given: argparse.Namespace) -> int:

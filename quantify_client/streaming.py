@@ -6,7 +6,7 @@ import os
 from collections import Counter
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
-from typing import Any, Callable, Iterator, List, Mapping, Optional, Sequence, Set, Tuple
+from typing import Any, Callable, Iterator, List, Mapping, Optional, Protocol, Sequence, Set, Tuple
 
 import numpy as np
 
@@ -16,7 +16,15 @@ from .errors import CloudError
 from .types import Chunk, FloatArray, Window
 from .volcalc.accumulate import TerrainAccumulator, plan_windows
 
-__all__ = ["Progress", "Streamed", "accumulate", "gather", "nothing_usable", "thread_count"]
+__all__ = [
+    "Progress",
+    "Streamed",
+    "accumulate",
+    "gather",
+    "nothing_usable",
+    "stream",
+    "thread_count",
+]
 
 #: What a progress display is told: the stage in words, and the share that is done.
 Progress = Callable[[str, float], None]
@@ -56,20 +64,52 @@ def accumulate(
     windows = plan_windows(places, bounds, count)
     accumulator = TerrainAccumulator(windows, count, bounds)
     around = frame.window_to_source(Window.around([window.window() for window in windows]))
+    left_out = stream(cloud, frame, accumulator, around, threads, progress)
+    return Streamed(accumulator, left_out)
+
+
+class Accumulator(Protocol):
+    """What a pass fills: ``reduce`` is pure and runs in any thread, ``absorb`` in one at a time."""
+
+    seen: int
+
+    def reduce(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Any:
+        """Return the share of some points, in metres of the measuring frame."""
+        ...
+
+    def absorb(self, reduced: Any) -> None:
+        """Add a chunk's share."""
+        ...
+
+
+def stream(
+    cloud: Cloud,
+    frame: Frame,
+    accumulator: Accumulator,
+    window: Optional[Window],
+    threads: int,
+    progress: Progress,
+) -> Mapping[str, int]:
+    """Stream a cloud into an accumulator, and return the counts of points left out by reason.
+
+    Parameters
+    ----------
+    window : what is needed at least, in the cloud's own coordinates; None for all.
+    """
     reading = _Reading(cloud, progress)
 
     def reduce(chunk: Chunk) -> Any:
         return accumulator.reduce(*frame.to_frame(chunk.x, chunk.y, chunk.z))
 
     with _Workers(threads) as workers:
-        for chunk in reading.chunks(around):
+        for chunk in reading.chunks(window):
             for reduced in workers.submit(reduce, chunk):
                 accumulator.absorb(reduced)
         for reduced in workers.rest():
             accumulator.absorb(reduced)
     if not accumulator.seen and reading.left_out:
         raise nothing_usable()
-    return Streamed(accumulator, dict(reading.left_out))
+    return dict(reading.left_out)
 
 
 def gather(

@@ -112,7 +112,7 @@ class Surface:
         )
 
     def _below(self, triangle: IntArray, level: FloatArray) -> FloatArray:
-        """(C,) integral of the triangles' share of the area from their lowest corners to a level."""
+        """(C,) integral of the triangles' share of the area, from their feet to a level."""
         low, middle, high = (self.corners[triangle, i] for i in range(3))
         first = _wedge(low, middle, high, np.clip(level, low[:, 2], middle[:, 2]) - low[:, 2])
         whole = _wedge(high, middle, low, middle[:, 2] - high[:, 2])

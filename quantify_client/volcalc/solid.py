@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import InputError
-from ..types import AreaResult, BudgetItem, Check, FloatArray, Gap, Slice, Solid
+from ..types import AreaResult, BudgetItem, Check, FloatArray, Floor, Gap, Slice, Solid
 from .enclose import Enclosed, Open, enclose
 from .occupancy import occupancy_volume
 from .slices import slab_edges
@@ -18,7 +18,7 @@ from .solid_words import open_surface, words
 from .standing import Standing, on_lowest_points, stand
 from .voxels import Thinned
 
-__all__ = ["SolidRecipe", "measure_solid"]
+__all__ = ["SolidRecipe", "floor_of", "measure_solid"]
 
 #: Slices when nobody says. Their number does not change the volume.
 _AUTO_SLICES = 50
@@ -121,6 +121,12 @@ def measure_solid(name: str, cloud: Thinned, recipe: SolidRecipe) -> AreaResult:
     )
 
 
+def floor_of(cloud: Thinned) -> Optional[Floor]:
+    """Return the floor that ``floor="auto"`` finds in a cloud, None where there is none."""
+    here = _Here.of(cloud, 1.0)
+    return here.in_frame(stand(here.local(cloud.points), cloud.counts, "auto").floor)
+
+
 @dataclass(frozen=True)
 class _Here:
     """Coordinates near the body: metres on the ground from an origin."""
@@ -135,6 +141,12 @@ class _Here:
 
     def local(self, points: FloatArray) -> FloatArray:
         return (points - self.origin) / self.scale
+
+    def in_frame(self, floor: Optional[Floor]) -> Optional[Floor]:
+        """Return a floor with its elevation in the measuring frame."""
+        if floor is None:
+            return None
+        return replace(floor, elevation=floor.elevation + float(self.origin[2]))
 
     def elevation(self, standing: Standing) -> float:
         """Return the elevation of height 0."""
@@ -165,10 +177,7 @@ def _enclosed(here: _Here, cloud: Thinned, recipe: SolidRecipe) -> tuple[Standin
         standing = closed
     if isinstance(body, Open):
         raise InputError(open_surface(body.leaks, here.place(standing)))
-    if standing.floor is not None:
-        elevation = standing.floor.elevation + float(here.origin[2])
-        standing = replace(standing, floor=replace(standing.floor, elevation=elevation))
-    return standing, body
+    return replace(standing, floor=here.in_frame(standing.floor)), body
 
 
 def _enclose(points: FloatArray, lid: FloatArray, recipe: SolidRecipe) -> Union[Enclosed, Open]:

@@ -179,7 +179,7 @@ def _depths(border: _Border, count: int) -> IntArray:
 
 
 def _gaps(space: Tetrahedra, faces: IntArray) -> tuple[Gap, ...]:
-    """Return the openings that some faces form, the widest first; faces with a common point are one."""
+    """Return the openings that faces form, the widest first; a common point makes them one."""
     points, corner = np.unique(space.faces[faces], return_inverse=True)
     at = np.arange(corner.size) // 3
     count = len(faces) + len(points)

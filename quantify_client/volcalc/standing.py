@@ -1,4 +1,4 @@
-"""A body as it stands: its points, upright, without ground and strays, and closed where it stands."""
+"""A body as it stands: its points upright, without ground and strays, closed at its foot."""
 
 from __future__ import annotations
 

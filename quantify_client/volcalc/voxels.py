@@ -27,7 +27,7 @@ MOST_POINTS = 80_000
 
 @dataclass(frozen=True)
 class Thinned:
-    """Centroids: (N, 3) float64 metres, (N,) int64 points in each, and the cubes' edge, 0 for none."""
+    """Centroids: (N, 3) float64 metres; points in each; the edge of the cubes, 0 for none."""
 
     points: FloatArray
     counts: IntArray
@@ -36,7 +36,7 @@ class Thinned:
 
 @dataclass(frozen=True)
 class _Cubes:
-    """Ascending numbers of cubes, and of the points in each the count and the sums of coordinates."""
+    """Ascending numbers of cubes; for the points in each the count and sums of coordinates."""
 
     number: IntArray
     counts: IntArray

@@ -1,0 +1,125 @@
+"""Objects: points into cubes, cubes into a body; or the paper's method, which holds all points."""
+
+from __future__ import annotations
+
+from typing import Mapping, Optional, Tuple
+
+import numpy as np
+
+from ..crs import Frame
+from ..errors import CloudError
+from ..sfm.outputs import Source
+from ..streaming import Progress, gather, stream, thread_count
+from ..types import AreaResult, Bounds, FloatArray, Floor, Measurement, Options
+from ..volcalc.body import BodyRecipe, measure_body
+from ..volcalc.solid import SolidRecipe, floor_of, measure_solid
+from ..volcalc.voxels import Thinned, VoxelAccumulator
+from .common import bounds_in_frame, finish, ground_factor, measurement_of, window_of
+
+__all__ = ["find_floor", "measure_object"]
+
+#: A cloud whose core is a smaller share of its box than this is read again, in cubes fit for it.
+_LEAST_CORE = 1e-3
+
+#: The core holds all but this share of the points at each end of each axis, and as much room again.
+_OUTSIDE_CORE = 0.005
+
+
+def measure_object(source: Source, frame: Frame, options: Options, report: Progress) -> Measurement:
+    """Measure the body whose surface the whole cloud is."""
+    bounds = bounds_in_frame(source, frame)
+    middle = 0.5 * (bounds.min_z + bounds.max_z)
+    factor = ground_factor(source, frame, window_of(bounds), middle, options)
+    method = "section" if options.method is None else options.method
+    run = _by_sections if method == "section" else _by_polar
+    result, left_out = run(source, frame, bounds, factor or 1.0, options, report)
+    results = [finish(result, left_out, options)]
+    return measurement_of(source, frame, method, factor, results, ())
+
+
+def find_floor(source: Source, frame: Frame, report: Progress) -> Optional[Floor]:
+    """Return what would be taken for ground; None where there is none."""
+    thinned, _, _ = _thinned(source, frame, bounds_in_frame(source, frame), 0, report)
+    return floor_of(thinned)
+
+
+def _by_sections(
+    source: Source,
+    frame: Frame,
+    bounds: Bounds,
+    factor: float,
+    options: Options,
+    report: Progress,
+) -> Tuple[AreaResult, Mapping[str, int]]:
+    thinned, left_out, far = _thinned(source, frame, bounds, options.threads, report)
+    recipe = SolidRecipe(
+        slices=options.slices,
+        slice_height=options.slice_height,
+        hollow=options.hollow,
+        max_gap=options.max_gap,
+        floor=options.floor,
+        ground_factor=factor,
+    )
+    report("finding the body", 0.0)
+    result = measure_solid(source.stem, thinned, recipe)
+    report("finding the body", 1.0)
+    return result, {**left_out, "far from all others": far}
+
+
+def _thinned(
+    source: Source, frame: Frame, bounds: Bounds, threads: int, report: Progress
+) -> Tuple[Thinned, Mapping[str, int], int]:
+    """Return centroids, and the counts of points left out and of those far from all others.
+
+    One point a thousand kilometres away, and the finest cubes would be too large for all the
+    others: the cloud is then read again, without it.
+    """
+    low = np.array([bounds.min_x, bounds.min_y, bounds.min_z])
+    high = np.array([bounds.max_x, bounds.max_y, bounds.max_z])
+    accumulator = VoxelAccumulator(low, high)
+    left_out = stream(source.cloud, frame, accumulator, None, thread_count(threads), report)
+    inner_low, inner_high = _core(accumulator.thinned())
+    if np.max(inner_high - inner_low) < _LEAST_CORE * np.max(high - low):
+        accumulator = VoxelAccumulator(inner_low, inner_high)
+        left_out = stream(source.cloud, frame, accumulator, None, thread_count(threads), report)
+    far = accumulator.seen - accumulator.placed
+    return accumulator.thinned(), left_out, far
+
+
+def _core(thinned: Thinned) -> Tuple[FloatArray, FloatArray]:
+    """Return the box of nearly all points, with room around."""
+    if not len(thinned.points):
+        raise CloudError(
+            "no point of the cloud lies within the bounds that its header gives; expected all of "
+            "them there: export it again"
+        )
+    corners = []
+    for axis in range(3):
+        order = np.argsort(thinned.points[:, axis], kind="stable")
+        share = np.cumsum(thinned.counts[order]) / thinned.counts.sum()
+        ends = np.searchsorted(share, [_OUTSIDE_CORE, 1.0 - _OUTSIDE_CORE])
+        corners.append(thinned.points[order[np.minimum(ends, len(order) - 1)], axis])
+    low, high = np.array(corners).T
+    room = max(float(np.max(high - low)), 1e-6)
+    return low - room, high + room
+
+
+def _by_polar(
+    source: Source,
+    frame: Frame,
+    bounds: Bounds,
+    factor: float,
+    options: Options,
+    report: Progress,
+) -> Tuple[AreaResult, Mapping[str, int]]:
+    x, y, z, left_out = gather(source.cloud, frame, report)
+    recipe = BodyRecipe(
+        slices=options.slices,
+        slice_height=options.slice_height,
+        center_caps=options.center_caps,
+        ground_factor=factor,
+    )
+    report("slicing", 0.0)
+    result = measure_body(source.stem, x, y, z, recipe)
+    report("slicing", 1.0)
+    return result, left_out

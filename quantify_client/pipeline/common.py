@@ -1,0 +1,81 @@
+"""What both shapes need around their measuring."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Mapping, Optional, Sequence, Union
+
+from ..crs import Frame, grid_scale_factor
+from ..sfm.outputs import Source
+from ..streaming import nothing_usable
+from ..types import AreaFailure, AreaResult, Bounds, Measurement, Options, Window
+
+__all__ = ["Result", "bounds_in_frame", "finish", "ground_factor", "measurement_of", "window_of"]
+
+Result = Union[AreaResult, AreaFailure]
+
+
+def bounds_in_frame(source: Source, frame: Frame) -> Bounds:
+    """Return the cloud's box in the frame."""
+    bounds = source.cloud.info.bounds
+    if bounds is None:
+        raise nothing_usable()
+    return frame.bounds_to_frame(bounds)
+
+
+def window_of(bounds: Bounds) -> Window:
+    """Return a box seen from above."""
+    return Window(bounds.min_x, bounds.min_y, bounds.max_x, bounds.max_y)
+
+
+def ground_factor(
+    source: Source, frame: Frame, site: Window, height: float, options: Options
+) -> Optional[float]:
+    """Return grid length / ground length at the middle of the site, None when not corrected."""
+    if options.grid:
+        return None
+    return grid_scale_factor(
+        frame,
+        (site.min_x + site.max_x) / 2,
+        (site.min_y + site.max_y) / 2,
+        height,
+        odm=source.is_odm,
+    )
+
+
+def finish(result: AreaResult, left_out: Mapping[str, int], options: Options) -> AreaResult:
+    """Add what the whole cloud left out, and the mass."""
+    everything = {k: v for k, v in {**left_out, **result.points_left_out}.items() if v}
+    result = replace(result, points_left_out=everything)
+    if options.density is None:
+        return result
+    volume = result.volume_m3 if result.cut_m3 is None else result.cut_m3
+    spread = result.std_m3 if result.cut_m3 is None else result.cut_std_m3
+    std = None
+    if spread is not None:
+        std = math.hypot(options.density * spread, options.density_sigma * volume)
+    return replace(result, mass_t=options.density * volume, mass_std_t=std)
+
+
+def measurement_of(
+    source: Source,
+    frame: Frame,
+    method: str,
+    factor: Optional[float],
+    results: Sequence[Result],
+    warnings: Sequence[str],
+) -> Measurement:
+    """Return all results of one call, without its provenance."""
+    return Measurement(
+        source=source.label,
+        crs=frame.crs,
+        length_unit=frame.length_unit,
+        shape="terrain" if method == "terrain" else "object",
+        method=method,
+        grid_scale_factor=factor,
+        results=tuple(results),
+        warnings=(*source.cloud.info.warnings, *frame.warnings, *warnings),
+        provenance={},
+        frame=frame,
+    )

@@ -1,0 +1,114 @@
+"""measure() and describe(): the front door of the library."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import asdict, replace
+from datetime import datetime, timezone
+from importlib import metadata
+from pathlib import Path
+from typing import Any, Mapping, Optional, Union
+
+from ..choices import check_options, choose_shape
+from ..crs import measuring_frame
+from ..sfm.outputs import Source, open_source
+from ..streaming import Progress
+from ..types import Measurement, Options
+from .body import find_floor, measure_object
+from .terrain import measure_areas
+
+__all__ = ["describe", "measure"]
+
+
+def measure(
+    *sources: Union[str, Path], progress: Optional[Progress] = None, **options: Any
+) -> Measurement:
+    """Measure volumes in a point cloud.
+
+    Parameters
+    ----------
+    *sources : a point cloud, an ODM project folder, an all.zip, an ept.json, or several tiles of
+        one survey.
+    progress : called with the stage and the share done, from 0 to 1.
+    **options : fields of :class:`Options`, the same as the command line's.
+
+    Returns
+    -------
+    Measurement
+        One result for each area; an area that cannot be measured is an `AreaFailure` among them.
+
+    Raises
+    ------
+    QuantifyError
+        One line that says what was found, what was expected and what to do.
+    """
+    started, clock = datetime.now(timezone.utc), time.perf_counter()
+    chosen = check_options(Options(**options))
+    report = progress or (lambda stage, share: None)
+    with open_source(list(sources)) as source:
+        info = source.cloud.info
+        frame = measuring_frame(info.crs, chosen.source_unit, info.bounds)
+        shape = choose_shape(chosen, has_crs=frame.crs is not None, is_odm=source.is_odm)
+        run = measure_areas if shape == "terrain" else measure_object
+        measurement = run(source, frame, chosen, report)
+    seconds = time.perf_counter() - clock
+    return replace(measurement, provenance=_provenance(source, chosen, started, seconds))
+
+
+def describe(
+    *sources: Union[str, Path],
+    source_unit: Optional[str] = None,
+    progress: Optional[Progress] = None,
+) -> Mapping[str, Any]:
+    """Return what a source holds: files, CRS, unit, bounds, points, spacing.
+
+    A source that would be measured as an object is read for the floor that the body stands on.
+    """
+    report = progress or (lambda stage, share: None)
+    with open_source(list(sources)) as source:
+        info = source.cloud.info
+        frame = measuring_frame(info.crs, source_unit, info.bounds)
+        bounds = info.bounds and frame.bounds_to_frame(info.bounds)
+        spacing = None
+        if bounds and info.point_count:
+            ground = (bounds.max_x - bounds.min_x) * (bounds.max_y - bounds.min_y)
+            spacing = math.sqrt(ground / info.point_count)
+        shape = choose_shape(Options(), has_crs=frame.crs is not None, is_odm=source.is_odm)
+        floor = find_floor(source, frame, report) if bounds and shape == "object" else None
+        return {
+            "schema": "quantify-client/1",
+            "source": source.label,
+            "files": [dict(item) for item in source.inputs],
+            "format": info.format,
+            "odm": source.is_odm,
+            "crs": frame.crs,
+            "crs_origin": info.crs_origin,
+            "length_unit": frame.length_unit,
+            "points": info.point_count,
+            "bounds": bounds and asdict(bounds),
+            "mean_spacing_m": spacing,
+            "shape": shape,
+            "floor": floor and asdict(floor),
+            "warnings": [*info.warnings, *frame.warnings],
+        }
+
+
+def _provenance(
+    source: Source, options: Options, started: datetime, seconds: float
+) -> Mapping[str, Any]:
+    given = {k: v for k, v in asdict(replace(options, area=None)).items() if v is not None}
+    if options.area is not None:
+        named = isinstance(options.area, (str, Path))
+        given["area"] = str(options.area) if named else "given as an object"
+    try:
+        version = metadata.version("quantify-client")
+    except metadata.PackageNotFoundError:
+        version = "unknown"
+    return {
+        "version": version,
+        "options": given,
+        "input": [dict(item) for item in source.inputs],
+        "started": started.isoformat(timespec="seconds"),
+        "seconds": round(seconds, 3),
+    }
