@@ -25,11 +25,6 @@ _SHALLOW = 4.0
 #: Share of the faces of the surface that are narrower than what the skin is made of.
 _SKIN = 0.99
 
-#: Noise moves the surface found inwards where it bulges, and the middle between its outer and
-#: inner skin outwards; this many times the latter is what the former lacks, on bodies of many
-#: kinds.
-_NOISE_BIAS = 1.6
-
 #: A sheet of points has less than this many spacings between its sides.
 _SHEET = 0.5
 
@@ -43,13 +38,12 @@ class Enclosed:
     Attributes
     ----------
     surface : of the body, for sections.
-    volume : cubic metres.
-    scale : ``volume`` / volume within ``surface``, near 1: takes out what noise does on the whole.
+    within : volume within the surface, cubic metres.
     outer, inner : volumes of the skin outside and inside of the surface, cubic metres: of the space
         that is as narrow as the gaps between the surface's points.
     spacing : of the points, metres.
     water : volume of the hollows that were filled, cubic metres.
-    voids : volume of what is enclosed by matter, cubic metres; part of ``volume`` unless hollow.
+    voids : volume of what is enclosed by matter, cubic metres; part of ``within`` unless hollow.
     narrow : share of the matter that is as narrow as the skin.
     gaps : openings closed.
     leaks : openings wider than allowed, not closed.
@@ -57,8 +51,7 @@ class Enclosed:
     """
 
     surface: Surface
-    volume: float
-    scale: float
+    within: float
     outer: float
     inner: float
     spacing: float
@@ -127,11 +120,9 @@ def _measured(
     matter = space.volume[solid & (depth > 0)]
     outer = float(space.volume[~solid & narrow].sum())
     inner = float(space.volume[solid & (depth > 0) & narrow].sum())
-    volume = within + (0.0 if thin_walled else _NOISE_BIAS * max(0.0, 0.5 * (outer - inner)))
     return Enclosed(
         surface=surface,
-        volume=volume,
-        scale=volume / within,
+        within=within,
         outer=outer,
         inner=inner,
         spacing=float(np.median(space.spacing)),

@@ -18,6 +18,10 @@ from ..types import FloatArray, IntArray
 
 __all__ = ["occupancy_volume"]
 
+#: The spacing is the distance to this neighbour, where points are nearly as sparse as anywhere.
+_NEIGHBOUR = 6
+_SPARSE = 0.9
+
 #: Half the thicknesses of the skin, in spacings; the first is the thinnest that points at random
 #: close.
 _SKINS = (1.6, 2.4)
@@ -29,14 +33,14 @@ _MOST_ALONG = 120  # cells along the longest side at most
 _LEAST_INSIDE = 0.05
 
 
-def occupancy_volume(points: FloatArray, spacing: float) -> Optional[float]:
+def occupancy_volume(points: FloatArray) -> Optional[float]:
     """Return the volume enclosed by a surface, cubic metres, None where the flood gets in.
 
     Parameters
     ----------
     points : (N, 3) float64, metres, on the surface.
-    spacing : distance of a point to its sixth neighbour, metres.
     """
+    spacing = float(np.quantile(cKDTree(points).query(points, [_NEIGHBOUR + 1])[0], _SPARSE))
     extent = float(np.ptp(points, axis=0).max())
     cell = max(_SKINS[0] * spacing / _CELLS, extent / _MOST_ALONG)
     thin, thick = (half / _SKINS[0] * _CELLS * cell for half in _SKINS)

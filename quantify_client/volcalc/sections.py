@@ -55,6 +55,18 @@ class Surface:
         """Return what lies within, cubic metres."""
         return float(self.volume_below(np.array([self.highest]))[0])
 
+    def area(self) -> float:
+        """Return the area of the surface, water included, square metres."""
+        low, middle, high = (self.corners[:, i] for i in range(3))
+        area = 0.5 * np.linalg.norm(np.cross(middle - low, high - low), axis=1)
+        height = high[:, 2] - low[:, 2]
+        cut = (self.top - self.bottom) / np.where(height > 0.0, height, 1.0)
+        # The body is smaller just above water than just below it, by the water's own area.
+        water = np.unique(self.top[self.top < high[:, 2]])
+        step = 1e-6 * (self.highest - self.lowest)
+        lids = self.areas(water - step) - self.areas(water + step)
+        return float(np.sum(area * cut) + lids.sum())
+
     def volume_below(self, levels: FloatArray) -> FloatArray:
         """(L,) cubic metres below each level; levels ascend."""
         every = np.arange(len(self.sign))

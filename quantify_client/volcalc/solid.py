@@ -12,6 +12,7 @@ import numpy.typing as npt
 from ..errors import InputError
 from ..types import AreaResult, BudgetItem, Check, FloatArray, Floor, Gap, Slice, Solid
 from .enclose import Enclosed, Open, enclose
+from .estimate import RESAMPLED, Estimate, estimate, tells
 from .occupancy import occupancy_volume
 from .slices import slab_edges
 from .solid_words import open_surface, words
@@ -26,17 +27,10 @@ _AUTO_SLICES = 50
 #: Numbers of slices whose plain sum of boxes the report shows.
 _CONVERGENCE = (5, 10, 20, 50, 100, 200, 500, 1000)
 
-#: Every third point measures the body once more, or every second where a third does not tell its
-#: walls apart. Errors fall with the number of points: these shares of the difference are the error
-#: left.
-_RESAMPLED = ((3, 0.5), (2, 1.0))
-_SAME = 0.05
-_FEWEST = 100
+_FEWEST = 100  # points that a body is found by again
 
-#: Share of the skin's half thickness, and of what noise was found to do, that the outline may be
-#: off by.
-_OUTLINE_OF_SKIN = 0.02
-_OUTLINE_OF_NOISE = 0.3
+#: A skin that is a larger share of the body is rough with noise.
+_ROUGH = 0.01
 
 #: Points of each kind that go to the report.
 _SHOWN = 20_000
@@ -83,17 +77,19 @@ def measure_solid(name: str, cloud: Thinned, recipe: SolidRecipe) -> AreaResult:
     here = _Here.of(cloud, recipe.ground_factor)
     standing, body = _enclosed(here, cloud, recipe)
     hidden, hidden_std = _hidden(standing, body)
-    volume = body.volume + hidden
+    found = _estimate(standing, body, recipe)
+    volume = found.volume + hidden
     budget = (
-        BudgetItem("outline", _outline_std(body)),
-        BudgetItem("sampling", _sampling_std(standing, body, recipe)),
+        BudgetItem("outline", found.outline_std),
+        BudgetItem("sampling", found.sampling_std),
         BudgetItem("slicing", 0.0),
         BudgetItem("coverage", hidden_std),
     )
     std = math.hypot(*(item.std_m3 for item in budget))
     checks = _checks(standing, body, hidden, recipe)
     edges = _edges(standing, body, recipe)
-    slices = _slices(standing, body, edges, hidden)
+    scale = found.volume / body.within
+    slices = _slices(standing, body, edges, hidden, scale)
     zero = here.elevation(standing)
     return AreaResult(
         name=name,
@@ -105,7 +101,7 @@ def measure_solid(name: str, cloud: Thinned, recipe: SolidRecipe) -> AreaResult:
         fill_std_m3=None,
         budget=budget,
         area_m2=None,
-        surface_area_m2=None,
+        surface_area_m2=_surface_area(body),
         perimeter_m=None,
         min_z_m=float(edges[0]) + zero,
         max_z_m=float(edges[-1]) + zero,
@@ -117,7 +113,7 @@ def measure_solid(name: str, cloud: Thinned, recipe: SolidRecipe) -> AreaResult:
         slices=tuple(replace(part, z_m=part.z_m + zero) for part in slices),
         checks=checks,
         warnings=words(cloud, standing, body, hidden, std, checks, volume, here.place(standing)),
-        solid=_drawn(here, standing, body, edges, _convergence(body, edges, hidden)),
+        solid=_drawn(here, standing, body, edges, _convergence(body, hidden, scale)),
     )
 
 
@@ -200,20 +196,21 @@ def _hidden(standing: Standing, body: Enclosed) -> tuple[float, float]:
     )
 
 
-def _outline_std(body: Enclosed) -> float:
-    """Return what noise may do to the surface: from its outer against its inner skin."""
-    noise = body.volume * (1.0 - 1.0 / body.scale)
-    return math.hypot(_OUTLINE_OF_NOISE * noise, _OUTLINE_OF_SKIN * 0.5 * (body.outer + body.inner))
+def _surface_area(body: Enclosed) -> Optional[float]:
+    """Return the area of the surface, None where noise makes it rough and so too large."""
+    if 0.5 * (body.outer + body.inner) > _ROUGH * body.within:
+        return None
+    return body.surface.area()
 
 
-def _sampling_std(standing: Standing, body: Enclosed, recipe: SolidRecipe) -> float:
-    """Return what the points' number and places do, from the body by every third of them."""
-    for every, error in _RESAMPLED:
+def _estimate(standing: Standing, body: Enclosed, recipe: SolidRecipe) -> Estimate:
+    """Return the volume within the surface and its error, with the help of some of the points."""
+    for every in RESAMPLED:
         some = standing.points[::every]
-        again = _enclose(some, standing.lid, recipe) if len(some) >= _FEWEST else None
-        if isinstance(again, Enclosed) and abs(again.volume - body.volume) < _SAME * body.volume:
-            return error * abs(again.volume - body.volume)
-    return 0.5 * (body.outer + body.inner)
+        again = _enclose(some, standing.lid, recipe) if len(some) >= _FEWEST else Open(())
+        if isinstance(again, Enclosed) and tells(body, again):
+            return estimate(body, again, every)
+    return estimate(body, None, 1)
 
 
 def _checks(
@@ -222,7 +219,7 @@ def _checks(
     """Return the volume by cells; none where openings let their flood in."""
     if body.gaps or body.thin_walled:
         return ()
-    enclosed = occupancy_volume(np.vstack([standing.points, standing.lid]), body.spacing)
+    enclosed = occupancy_volume(np.vstack([standing.points, standing.lid]))
     if enclosed is None:
         return ()
     volume = enclosed + hidden + (-body.voids if recipe.hollow else body.water)
@@ -240,34 +237,32 @@ def _edges(standing: Standing, body: Enclosed, recipe: SolidRecipe) -> FloatArra
 
 
 def _slices(
-    standing: Standing, body: Enclosed, edges: FloatArray, hidden: float
+    standing: Standing, body: Enclosed, edges: FloatArray, hidden: float, scale: float
 ) -> tuple[Slice, ...]:
-    """Return the slices; what is hidden lies evenly between the floor and the foot."""
-    middles = 0.5 * (edges[1:] + edges[:-1])
-    volumes = np.diff(body.surface.volume_below(edges), prepend=0.0)[1:] * body.scale
-    areas = body.surface.areas(middles) * body.scale
+    """Return the slices; what is hidden lies evenly between the floor and the foot.
+
+    ``scale`` makes them sum to the estimate: what facets and noise hide is shared by volume.
+    """
+    volumes = np.diff(body.surface.volume_below(edges)) * scale
     gap = standing.sure + standing.unsure
     if hidden > 0.0:
         volumes += hidden * np.diff(np.clip(edges, 0.0, gap)) / gap
-        areas += np.where(middles < gap, hidden / gap, 0.0)
     z = np.clip(standing.points[:, 2], edges[0], edges[-1])
     points = np.histogram(z, edges, weights=standing.counts)[0].astype(np.int64)
-    height = float(edges[1] - edges[0])
+    middles, height = 0.5 * (edges[1:] + edges[:-1]), float(edges[1] - edges[0])
     return tuple(
-        Slice(z_m=z_m, height_m=height, area_m2=area, volume_m3=volume, points=held)
-        for z_m, area, volume, held in zip(
-            middles.tolist(), areas.tolist(), volumes.tolist(), points.tolist()
-        )
+        Slice(z_m=z_m, height_m=height, area_m2=volume / height, volume_m3=volume, points=held)
+        for z_m, volume, held in zip(middles.tolist(), volumes.tolist(), points.tolist())
     )
 
 
-def _convergence(body: Enclosed, edges: FloatArray, hidden: float) -> tuple[tuple[int, float], ...]:
+def _convergence(body: Enclosed, hidden: float, scale: float) -> tuple[tuple[int, float], ...]:
     """Return the volume as a plain sum of boxes, by their number."""
     rows = []
     for count in _CONVERGENCE:
         some = np.linspace(body.surface.lowest, body.surface.highest, count + 1)
         boxes = body.surface.areas(0.5 * (some[1:] + some[:-1])) * np.diff(some)
-        rows.append((count, float(boxes.sum()) * body.scale + hidden))
+        rows.append((count, float(boxes.sum()) * scale + hidden))
     return tuple(rows)
 
 

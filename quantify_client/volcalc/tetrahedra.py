@@ -90,7 +90,7 @@ def tetrahedralize(points: FloatArray) -> Tetrahedra:
     points = points + rng.uniform(-_JOGGLE, _JOGGLE, points.shape) * spacing[:, None]
     delaunay = Delaunay(points)
     corners = delaunay.simplices.astype(np.int64)
-    first, second, faces = _faces(points, corners, delaunay.neighbors.astype(np.int64))
+    first, second, faces, areas = _faces(points, corners, delaunay.neighbors.astype(np.int64))
     return Tetrahedra(
         points=points,
         spacing=spacing,
@@ -99,7 +99,7 @@ def tetrahedralize(points: FloatArray) -> Tetrahedra:
         first=first,
         second=second,
         faces=faces,
-        width=_widths(points, faces),
+        width=_widths(points, faces, areas),
     )
 
 
@@ -117,18 +117,19 @@ def _refuse_flat(points: FloatArray) -> None:
 
 def _faces(
     points: FloatArray, corners: IntArray, neighbors: IntArray
-) -> tuple[IntArray, IntArray, IntArray]:
-    """Return each face once: its two tetrahedra and its points."""
+) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
+    """Return each face once: its two tetrahedra, its points and its area."""
     count = len(corners)
     first = np.repeat(np.arange(count), 4)
     second = np.where(neighbors < 0, count, neighbors).ravel()
     once = np.flatnonzero(first < second)
     first, second, opposite = first[once], second[once], once % 4
     faces = corners[first[:, None], _FACES[opposite]]
+    normals = _normals(points, faces)
     inside = points[corners[first, opposite]] - points[faces[:, 0]]
-    turned = np.einsum("ij,ij->i", _normals(points, faces), inside) > 0.0
+    turned = np.einsum("ij,ij->i", normals, inside) > 0.0
     faces[turned] = faces[turned, ::-1]
-    return first, second, faces
+    return first, second, faces, 0.5 * np.linalg.norm(normals, axis=1)
 
 
 def _normals(points: FloatArray, faces: IntArray) -> FloatArray:
@@ -146,12 +147,11 @@ def _volumes(points: FloatArray, corners: IntArray) -> FloatArray:
     return volumes
 
 
-def _widths(points: FloatArray, faces: IntArray) -> FloatArray:
+def _widths(points: FloatArray, faces: IntArray, areas: FloatArray) -> FloatArray:
     """(F,) diameters of the smallest circles round triangles."""
     a, b, c = (points[faces[:, i]] for i in range(3))
     sides = np.sort([np.linalg.norm(d, axis=1) for d in (b - a, c - b, a - c)], axis=0)
-    double_area = np.linalg.norm(_normals(points, faces), axis=1)
-    around = np.prod(sides, axis=0) / np.maximum(double_area, np.finfo(float).tiny)
+    around = np.prod(sides, axis=0) / np.maximum(2.0 * areas, np.finfo(float).tiny)
     obtuse = sides[2] ** 2 >= sides[0] ** 2 + sides[1] ** 2
     widths: FloatArray = np.where(obtuse, sides[2], around)
     return widths

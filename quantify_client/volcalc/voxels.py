@@ -22,7 +22,7 @@ _FINER_BITS = 10  # of a point's place within such a cube
 _MOST_STREAMING = 400_000
 
 #: Points that the answer needs: the surface is then known to some hundredths of a percent.
-MOST_POINTS = 80_000
+MOST_POINTS = 60_000
 
 
 @dataclass(frozen=True)

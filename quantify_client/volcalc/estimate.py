@@ -1,0 +1,76 @@
+"""The volume of a body and its error, from the surface found through all points and through some.
+
+Two things are known to be missing from what the surface encloses.
+
+*Facets*: flat triangles between points cut off what bulges and every edge, in proportion to one
+over the number of points. So a third of the points lacks three times as much, and tells how much
+all lack.
+
+*Noise* moves the surface inwards by its variance times the mean curvature, since the densest part
+of a skin of noise lies inside of its middle, and moves the middle of the skin's outer and inner
+side outwards by as much (Steiner's formula). That middle, too, lacks the facets, nearly all of
+them on a body with edges and half of them on a smooth one.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Optional
+
+from .enclose import Enclosed
+
+__all__ = ["RESAMPLED", "Estimate", "estimate", "tells"]
+
+#: Every third point finds the body once more; every second where a third does not tell walls apart.
+RESAMPLED = (3, 2)
+
+#: A resampled body that differs by more than this share found other walls.
+_SAME = 0.05
+
+#: Share of the facets that the middle of the skin lacks, and what noise does to the surface by
+#: what it does to that middle. Measured on bodies of known volume, as are the shares below.
+_FACETS_OF_MIDDLE = 0.75
+_NOISE = 1.05
+
+#: Standard deviations, as shares of the two corrections and of half the skin.
+_OF_FACETS = 0.25
+_OF_NOISE = 0.25
+_OF_SKIN = 0.02
+_OF_THIN_WALLS = 0.1
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Cubic metres: the volume, and its standard deviations by points' number and by noise."""
+
+    volume: float
+    sampling_std: float
+    outline_std: float
+
+
+def tells(body: Enclosed, again: Optional[Enclosed]) -> bool:
+    """Whether a resampled body is the same one."""
+    if again is None or again.thin_walled != body.thin_walled:
+        return False
+    return abs(again.within - body.within) < _SAME * body.within
+
+
+def estimate(body: Enclosed, again: Optional[Enclosed], every: int) -> Estimate:
+    """Return the volume, corrected for facets and noise.
+
+    Parameters
+    ----------
+    again : the body found by every so many points; None where these do not tell.
+    """
+    skin, bulge = 0.5 * (body.outer + body.inner), 0.5 * (body.outer - body.inner)
+    if body.thin_walled:
+        return Estimate(body.within, 0.0, 2.0 * _OF_THIN_WALLS * skin)
+    lack = -bulge if again is None else (body.within - again.within) / (every - 1)
+    facets = max(0.0, lack)
+    noise = _NOISE * max(0.0, bulge + _FACETS_OF_MIDDLE * facets)
+    return Estimate(
+        volume=body.within + facets + noise,
+        sampling_std=(_OF_FACETS if again is not None else 1.0) * abs(lack),
+        outline_std=math.hypot(_OF_NOISE * noise, _OF_SKIN * skin),
+    )
