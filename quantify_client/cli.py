@@ -253,7 +253,7 @@ def _info(given: argparse.Namespace) -> int:
             value = ", ".join(f"{k} {_brief(v)}" for k, v in value.items())
         elif isinstance(value, (list, tuple)):
             value = "; ".join(value) or "none"
-        console.print(f"{key:>15}  {printable(value)}", markup=False, highlight=False)
+        console.print(f"{key:>15}  {printable(_brief(value))}", markup=False, highlight=False)
     return 0
 
 

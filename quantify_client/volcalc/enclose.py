@@ -46,6 +46,7 @@ class Enclosed:
     voids : volume of what is enclosed by matter, cubic metres; part of ``within`` unless hollow.
     narrow : share of the matter that is as narrow as the skin.
     gaps : openings closed.
+    patches : (G, 3, 3) float64, the triangles that close them.
     leaks : openings wider than allowed, not closed.
     thin_walled : the walls are so thin that their two sides were taken as one.
     """
@@ -59,6 +60,7 @@ class Enclosed:
     voids: float
     narrow: float
     gaps: Sequence[Gap]
+    patches: FloatArray
     leaks: Sequence[Gap]
     thin_walled: bool
 
@@ -130,6 +132,7 @@ def _measured(
         voids=float(space.volume[(depth > 0) & (depth % 2 == 0)].sum()),
         narrow=inner / float(matter.sum()),
         gaps=spaces.gaps,
+        patches=space.points[space.faces[spaces.closing]],
         leaks=spaces.leaks,
         thin_walled=thin_walled,
     )
@@ -152,7 +155,7 @@ def _walls(space: Tetrahedra, leaks: Sequence[Gap]) -> Spaces:
     )
     part = connected_components(links, directed=False)[1]
     number = (part != part[-1]).astype(np.int64)
-    return Spaces(number, np.array([0, 1]), (), leaks)
+    return Spaces(number, np.array([0, 1]), (), np.empty(0, dtype=np.int64), leaks)
 
 
 def _is_sheet(space: Tetrahedra, matter: _BoolArray, spacing: float) -> bool:

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from ..types import FloatArray, IntArray
 
-__all__ = ["occupancy_volume"]
+__all__ = ["cover", "occupancy_volume"]
 
 #: The spacing is the distance to this neighbour, where points are nearly as sparse as anywhere.
 _NEIGHBOUR = 6
@@ -29,18 +29,22 @@ _SKINS = (1.6, 2.4)
 _CELLS = 1.25  # cells along the thinner half at least
 _MOST_ALONG = 120  # cells along the longest side at most
 
-#: A body whose inside is a smaller share of the skin is all wall: nothing is left to flood.
-_LEAST_INSIDE = 0.05
+#: Insides of fewer cells are pores of the skin. One that a thicker skin loses is a wall too thin
+#: for it.
+_FEWEST_CELLS = 30
 
 
-def occupancy_volume(points: FloatArray) -> Optional[float]:
-    """Return the volume enclosed by a surface, cubic metres, None where the flood gets in.
+def occupancy_volume(points: FloatArray, patches: Optional[FloatArray] = None) -> Optional[float]:
+    """Return the enclosed volume, cubic metres, None where the flood gets in or walls are thin.
 
     Parameters
     ----------
     points : (N, 3) float64, metres, on the surface.
+    patches : (K, 3) float64, where its openings are closed.
     """
     spacing = float(np.quantile(cKDTree(points).query(points, [_NEIGHBOUR + 1])[0], _SPARSE))
+    if patches is not None:
+        points = np.vstack([points, patches])
     extent = float(np.ptp(points, axis=0).max())
     cell = max(_SKINS[0] * spacing / _CELLS, extent / _MOST_ALONG)
     thin, thick = (half / _SKINS[0] * _CELLS * cell for half in _SKINS)
@@ -48,11 +52,28 @@ def occupancy_volume(points: FloatArray) -> Optional[float]:
     low = points.min(axis=0) - (margin + 0.5) * cell
     shape = (np.ceil((points.max(axis=0) - low) / cell) + margin + 1).astype(np.int64)
     away = _distances(points, low, cell, shape, thick + cell)
-    volumes = [_flooded(away, half, cell) for half in (thin, thick)]
-    if volumes[0] is None or volumes[1] is None:
+    (volume, parts), (thick_volume, thick_parts) = (
+        _flooded(away, half, cell) for half in (thin, thick)
+    )
+    if not parts or parts != thick_parts:
         return None
     square = (thick / thin) ** 2
-    return (square * volumes[0] - volumes[1]) / (square - 1.0) * cell**3
+    return (square * volume - thick_volume) / (square - 1.0) * cell**3
+
+
+def cover(triangles: FloatArray, step: float) -> FloatArray:
+    """(K, 3) points all over some triangles, at most a step apart.
+
+    Parameters
+    ----------
+    triangles : (G, 3, 3) float64, three corners each, metres.
+    """
+    points = [np.empty((0, 3))]
+    for a, b, c in triangles:
+        count = int(np.ceil(max(np.linalg.norm(b - a), np.linalg.norm(c - a)) / step)) + 1
+        first, second = np.triu_indices(count + 1)
+        points.append(a + ((second - first)[:, None] * (b - a) + first[:, None] * (c - a)) / count)
+    return np.concatenate(points)
 
 
 def _distances(
@@ -68,12 +89,14 @@ def _distances(
     return away
 
 
-def _flooded(away: FloatArray, half: float, cell: float) -> Optional[float]:
-    """Return the number of cells inside and in half the skin, parts of cells counted."""
+def _flooded(away: FloatArray, half: float, cell: float) -> tuple[float, int]:
+    """Return the number of cells inside and in half the skin, and of separate insides."""
     free = away > half
     parts = label(free)[0]
+    sizes = np.bincount(parts.ravel())
+    large = np.flatnonzero(sizes >= _FEWEST_CELLS)
     inside = free & (parts != parts[0, 0, 0])
     share = np.clip((away - half) / cell + 0.5, 0.0, 1.0)
     skin = float((1.0 - share).sum())
     within = float(share[binary_dilation(inside)].sum())
-    return None if within < _LEAST_INSIDE * skin else within + 0.5 * skin
+    return within + 0.5 * skin, int(np.count_nonzero((large != 0) & (large != parts[0, 0, 0])))

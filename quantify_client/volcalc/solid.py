@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..types import AreaResult, BudgetItem, Check, FloatArray, Floor, Gap, Slice, Solid
 from .enclose import Enclosed, Open, enclose
 from .estimate import RESAMPLED, Estimate, estimate, tells
-from .occupancy import occupancy_volume
+from .occupancy import cover, occupancy_volume
 from .slices import slab_edges
 from .solid_words import open_surface, words
 from .standing import Standing, on_lowest_points, stand
@@ -216,10 +216,11 @@ def _estimate(standing: Standing, body: Enclosed, recipe: SolidRecipe) -> Estima
 def _checks(
     standing: Standing, body: Enclosed, hidden: float, recipe: SolidRecipe
 ) -> tuple[Check, ...]:
-    """Return the volume by cells; none where openings let their flood in."""
-    if body.gaps or body.thin_walled:
+    """Return the volume by cells; none where walls are too thin for it."""
+    if body.thin_walled:
         return ()
-    enclosed = occupancy_volume(np.vstack([standing.points, standing.lid]))
+    patches = cover(body.patches, body.spacing)
+    enclosed = occupancy_volume(np.vstack([standing.points, standing.lid]), patches)
     if enclosed is None:
         return ()
     volume = enclosed + hidden + (-body.voids if recipe.hollow else body.water)

@@ -16,7 +16,8 @@ _HIDDEN = 0.02
 _STRAYS = 0.03
 _CHECK_OFF = 0.01
 _CHECK_OF_SKIN = 0.25
-_THIN = 0.25
+_THIN = 0.03
+_LOST = 0.25
 
 _Place = Callable[[Gap], str]
 
@@ -106,9 +107,12 @@ def _walls(body: Enclosed) -> Iterator[str]:
             f"the walls are thinner than 3 point spacings ({body.spacing:.2g} m): their two sides "
             "cannot be told apart and the volume may be off by several percent; take more points"
         )
-    elif body.narrow > _THIN:
+        return
+    # Noise makes the skin thick on both sides, thin walls on the inner side only.
+    thin = max(0.0, body.inner - body.outer) / body.within
+    if thin > _THIN or body.narrow > _LOST:
         yield (
-            f"{100 * body.narrow:.0f} % of the body are thinner than 3 point spacings "
+            f"{100 * max(thin, body.narrow):.0f} % of the body are thinner than 3 point spacings "
             f"({body.spacing:.2g} m) or lost in noise; take more points"
         )
 

@@ -40,12 +40,14 @@ class Spaces:
     depth : (S,) int64
         Surfaces between each space and outside: 0 for outside, odd for matter, even for voids.
     gaps : openings in the surfaces, closed, the widest first.
+    closing : (G,) int64, the faces that close them.
     leaks : openings wider than allowed; what lies behind them is outside.
     """
 
     number: IntArray
     depth: IntArray
     gaps: Sequence[Gap]
+    closing: IntArray
     leaks: Sequence[Gap]
 
 
@@ -71,8 +73,9 @@ def find_spaces(space: Tetrahedra, pocket: IntArray, max_gap: Optional[float] = 
     outside = number[-1]
     number = np.where(number == outside, 0, np.where(number == 0, outside, number))
     border = _Border.between(space, number)
-    gaps = _gaps(space, border.face[border.is_open])
-    return Spaces(number, _depths(border, int(number.max()) + 1), gaps, leaks)
+    closing = border.face[border.is_open]
+    depth = _depths(border, int(number.max()) + 1)
+    return Spaces(number, depth, _gaps(space, closing), closing, leaks)
 
 
 @dataclass(frozen=True)

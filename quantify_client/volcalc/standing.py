@@ -90,7 +90,9 @@ def stand(points: FloatArray, counts: IntArray, floor: Union[str, float]) -> Sta
     turned = pose.apply(points)
     ground = turned[:, 2] <= plane.reach
     body = ~ground & clean
-    if np.count_nonzero(body) < _NEIGHBOUR:
+    if np.count_nonzero(body) <= _NEIGHBOUR:
+        if floor == "auto":
+            return _without_floor(points, counts, clean)
         raise InputError(
             "nothing stands above the floor: expected a body and not a level cloud; give --floor Z "
             "below it, or --floor none, or --shape terrain for a piece of land"
