@@ -35,8 +35,10 @@ _BESIDE = 0.3
 #: Ground lies within this many of its standard deviations ...
 _SIGMAS = 4.0
 
-#: ... which are not more than this many point spacings; a rounder face is no plane.
+#: ... which are not more than this many point spacings, nor than this share of the plane's
+#: narrower extent (standard deviation); a rounder face is no plane.
 _ROUGH = 10.0
+_FLAT = 0.25
 
 _MOST_CELLS = 4_000_000
 
@@ -98,7 +100,11 @@ def _refined(points: FloatArray, on: FloatArray, spacing: float) -> Optional[Pla
         on = points[np.abs(height) < max(reach, 0.5 * spacing)]
     if np.mean(height < -reach) > np.mean(height > reach):
         normal, height = -normal, -height
-    if reach > _ROUGH * spacing or np.mean(height < -2.0 * reach - spacing) > _BELOW:
+    wide = float(np.linalg.svd(on - on.mean(axis=0), compute_uv=False)[1]) / math.sqrt(len(on))
+    if (
+        reach > min(_ROUGH * spacing, _FLAT * wide)
+        or np.mean(height < -2.0 * reach - spacing) > _BELOW
+    ):
         return None
     return Plane(normal, float(middle @ normal), reach)
 

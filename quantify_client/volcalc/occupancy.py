@@ -42,7 +42,8 @@ def occupancy_volume(points: FloatArray, patches: Optional[FloatArray] = None) -
     points : (N, 3) float64, metres, on the surface.
     patches : (K, 3) float64, where its openings are closed.
     """
-    spacing = float(np.quantile(cKDTree(points).query(points, [_NEIGHBOUR + 1])[0], _SPARSE))
+    nth = min(_NEIGHBOUR + 1, len(points))
+    spacing = float(np.quantile(cKDTree(points).query(points, [nth])[0], _SPARSE))
     if patches is not None:
         points = np.vstack([points, patches])
     extent = float(np.ptp(points, axis=0).max())

@@ -186,16 +186,16 @@ def _wedge(tip: FloatArray, middle: FloatArray, end: FloatArray, height: FloatAr
 
 def _rings(begin: IntArray, end: IntArray, start: FloatArray) -> list[FloatArray]:
     """Return closed ways along chords: each goes on where one begins that the last one ended."""
-    order = np.argsort(begin, kind="stable")
-    begin, end, start = begin[order], end[order], start[order]
-    following = np.minimum(np.searchsorted(begin, end), max(len(begin) - 1, 0)).tolist()
+    # Where bodies touch, several chords begin on one edge, and as many end there.
+    following = np.empty_like(begin)
+    following[np.argsort(end, kind="stable")] = np.argsort(begin, kind="stable")
     used, rings = [False] * len(begin), []
     for chord in range(len(begin)):
         ring = []
         while not used[chord]:
             used[chord] = True
             ring.append(chord)
-            chord = following[chord]
+            chord = int(following[chord])
         if len(ring) >= 3:
             rings.append(start[ring])
     return rings

@@ -29,6 +29,9 @@ _CONVERGENCE = (5, 10, 20, 50, 100, 200, 500, 1000)
 
 _FEWEST = 100  # points that a body is found by again
 
+#: How high an opening's surface may have bulged beyond its lid, as a share of its width.
+_BULGE = 0.05
+
 #: A skin that is a larger share of the body is rough with noise.
 _ROUGH = 0.01
 
@@ -83,10 +86,10 @@ def measure_solid(name: str, cloud: Thinned, recipe: SolidRecipe) -> AreaResult:
         BudgetItem("outline", found.outline_std),
         BudgetItem("sampling", found.sampling_std),
         BudgetItem("slicing", 0.0),
-        BudgetItem("coverage", hidden_std),
+        BudgetItem("coverage", math.hypot(hidden_std, _closing_std(body))),
     )
     std = math.hypot(*(item.std_m3 for item in budget))
-    checks = _checks(standing, body, hidden, recipe)
+    checks = _checks(standing, body, hidden)
     edges = _edges(standing, body, recipe)
     scale = found.volume / body.within
     slices = _slices(standing, body, edges, hidden, scale)
@@ -196,6 +199,14 @@ def _hidden(standing: Standing, body: Enclosed) -> tuple[float, float]:
     )
 
 
+def _closing_std(body: Enclosed) -> float:
+    """Return what flat lids on openings may be off by: the surface may have bulged there."""
+    a, b, c = body.patches.transpose(1, 0, 2)
+    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    width = np.max([np.linalg.norm(side, axis=1) for side in (b - a, c - b, a - c)], axis=0)
+    return _BULGE * float(np.sum(area * width))
+
+
 def _surface_area(body: Enclosed) -> Optional[float]:
     """Return the area of the surface, None where noise makes it rough and so too large."""
     if 0.5 * (body.outer + body.inner) > _ROUGH * body.within:
@@ -213,17 +224,15 @@ def _estimate(standing: Standing, body: Enclosed, recipe: SolidRecipe) -> Estima
     return estimate(body, None, 1)
 
 
-def _checks(
-    standing: Standing, body: Enclosed, hidden: float, recipe: SolidRecipe
-) -> tuple[Check, ...]:
-    """Return the volume by cells; none where walls are too thin for it."""
-    if body.thin_walled:
+def _checks(standing: Standing, body: Enclosed, hidden: float) -> tuple[Check, ...]:
+    """Return the volume by cells; none for thin walls and voids, whose skin lies inside."""
+    if body.thin_walled or body.voids > 0.0:
         return ()
     patches = cover(body.patches, body.spacing)
     enclosed = occupancy_volume(np.vstack([standing.points, standing.lid]), patches)
     if enclosed is None:
         return ()
-    volume = enclosed + hidden + (-body.voids if recipe.hollow else body.water)
+    volume = enclosed + hidden + body.water
     return (Check("flooded cells", volume),)
 
 

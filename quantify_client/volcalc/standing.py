@@ -169,4 +169,5 @@ def _closed(standing: Standing) -> tuple[Standing, float]:
 
 
 def _spacing(points: FloatArray) -> float:
-    return float(np.median(cKDTree(points).query(points, [_NEIGHBOUR + 1])[0]))
+    nth = min(_NEIGHBOUR + 1, len(points))
+    return float(np.median(cKDTree(points).query(points, [nth])[0]))

@@ -1,0 +1,71 @@
+"""Facets and noise: what the surface found lacks, and how it is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from quantify_client.volcalc.enclose import Enclosed
+from quantify_client.volcalc.estimate import estimate, tells
+from quantify_client.volcalc.sections import Surface
+
+NOTHING = Surface(
+    corners=np.empty((0, 3, 3)),
+    number=np.empty((0, 3), dtype=np.int64),
+    sign=np.empty(0),
+    bottom=np.empty(0),
+    top=np.empty(0),
+)
+BODY = Enclosed(
+    surface=NOTHING,
+    within=99.0,
+    outer=0.0,
+    inner=0.0,
+    spacing=0.1,
+    water=0.0,
+    voids=0.0,
+    narrow=0.0,
+    gaps=(),
+    patches=np.empty((0, 3, 3)),
+    leaks=(),
+    thin_walled=False,
+)
+
+
+@pytest.mark.parametrize(("every", "less"), [(3, 97.0), (2, 98.0)])
+def test_what_is_lost_in_proportion_to_one_over_the_points_is_given_back(
+    every: int, less: float
+) -> None:
+    # 100 - 1 / share: 99 with all points, 98 with half of them, 97 with a third.
+    # A body with edges: the middle of its skin lacks the same.
+    found = estimate(replace(BODY, inner=2.0), replace(BODY, within=less), every)
+    assert found.volume == pytest.approx(100.0)
+    assert 0.0 < found.sampling_std < 1.0
+
+
+def test_a_skin_that_is_thicker_outside_gives_volume_back() -> None:
+    noisy = replace(BODY, outer=6.0, inner=4.0)
+    found = estimate(noisy, noisy, 3)
+    assert found.volume == pytest.approx(99.0 + 1.0, abs=0.1)
+    assert found.outline_std > 0.1
+
+
+def test_a_skin_that_is_thicker_inside_tells_of_facets_where_no_resampling_does() -> None:
+    found = estimate(replace(BODY, inner=2.0), None, 1)
+    assert found.volume == pytest.approx(100.0)
+    assert found.sampling_std == pytest.approx(1.0)
+
+
+def test_thin_walls_are_not_corrected_and_widely_uncertain() -> None:
+    found = estimate(replace(BODY, inner=60.0, thin_walled=True), None, 1)
+    assert found.volume == 99.0
+    assert found.outline_std > 5.0
+
+
+def test_other_walls_tell_nothing() -> None:
+    assert tells(BODY, replace(BODY, within=98.0))
+    assert not tells(BODY, replace(BODY, within=60.0))
+    assert not tells(BODY, replace(BODY, thin_walled=True))
+    assert not tells(BODY, None)
