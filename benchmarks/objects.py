@@ -35,7 +35,8 @@ from quantify_client.types import FloatArray
 from quantify_client.volcalc.polar import polar_volume
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-from solids import BODIES, BUNNY, CLEAN, NO_BUNNY, Body, Flaws, scan, volume_of
+from scans import CLEAN, Flaws, scan, volume_of
+from solids import BODIES, BUNNY, NO_BUNNY, Body
 
 try:
     import open3d

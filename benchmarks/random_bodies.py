@@ -22,7 +22,8 @@ import numpy as np
 from quantify_client.errors import QuantifyError
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-from solids import Flaws, random_body, scan, volume_of
+from scans import Flaws, scan, volume_of
+from solids import random_body
 
 FIRST_SEED = 5000
 MISS = 2.0

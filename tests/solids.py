@@ -1,8 +1,7 @@
-"""Closed bodies whose volumes are known, and scans of them: random points on their surfaces.
+"""Closed bodies whose volumes are known, and how to draw random points on their surfaces.
 
 `BODIES` are the shapes that methods are compared on; `random_body` joins boxes, balls and cylinders
-at random. A scan lies at UTM-sized coordinates and has the `Flaws` that real clouds have. Each body
-is about one metre wide.
+at random. Each body is about one metre wide. scans.py scans them.
 """
 
 from __future__ import annotations
@@ -11,19 +10,11 @@ import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Callable, Dict, Optional, Sequence, Tuple
+from typing import Callable, Dict, Optional, Sequence, Tuple
 
 import numpy as np
 from scipy.ndimage import label
-from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
-
-from quantify_client.types import AreaResult
-from quantify_client.volcalc.solid import SolidRecipe, measure_solid
-from quantify_client.volcalc.voxels import VoxelAccumulator
-
-OFFSET = np.array([500_000.0, 4_500_000.0, 100.0])
-"""Where the scans are."""
 
 BUNNY = Path(__file__).resolve().parents[2] / "shared/data/meshes/stanford-bunny.obj"
 NO_BUNNY = f"the Stanford bunny is not there: {BUNNY} (it lies outside the repository)"
@@ -32,13 +23,6 @@ _TOUCH = 1e-9
 """Points this near another part are inside it: faces on which two parts touch are no surface."""
 
 Surface = Callable[[int, np.random.Generator], np.ndarray]
-
-
-def volume_of(points: np.ndarray, **options: Any) -> AreaResult:
-    """Measure points (N, 3) as an object, without a file: all that the tests know of how."""
-    cubes = VoxelAccumulator(points.min(axis=0), points.max(axis=0))
-    cubes.absorb(cubes.reduce(*points.T))
-    return measure_solid("body", cubes.thinned(), SolidRecipe(**options))
 
 
 @dataclass(frozen=True)
@@ -403,76 +387,3 @@ def _occupied(
         window = tuple(slice(a, b) for a, b in zip(first, last))
         inside[window] |= part.holds(place[window])
     return inside, edge
-
-
-# --- scans
-
-
-@dataclass(frozen=True)
-class Flaws:
-    """What is wrong with a scan.
-
-    Attributes
-    ----------
-    noise : standard deviation of isotropic Gaussian noise, share of the largest extent.
-    outliers : points anywhere in a box twice the body's size, share of its points.
-    gradient : how many times denser the points are at the least x than at the greatest.
-    hole : diameter of a place without points, share of the largest extent.
-    missing : share of the height, from below, that has no points.
-    ground : side of a square of ground points around the body, times its width; 0 is none. The
-        body stands on it. There are none below what is missing: no camera sees that.
-    tilt : of the ground together with the body, degrees.
-    """
-
-    noise: float = 0.0
-    outliers: float = 0.0
-    gradient: float = 1.0
-    hole: float = 0.0
-    missing: float = 0.0
-    ground: float = 0.0
-    tilt: float = 0.0
-
-
-CLEAN = Flaws()
-
-
-def scan(body: Body, count: int, seed: int, flaws: Flaws = CLEAN) -> np.ndarray:
-    """Return (N, 3) random points of a body: `count` on it, besides ground and outliers."""
-    rng = np.random.default_rng(seed)
-    probe = body.surface(50_000, rng)
-    low, high = probe.min(axis=0), probe.max(axis=0)
-    extent = float((high - low).max())
-    centre = probe[rng.integers(len(probe))]
-    cut = low[2] + flaws.missing * (high[2] - low[2])
-
-    def draw(number: int) -> np.ndarray:
-        points = body.surface(number, rng)
-        share = flaws.gradient ** -np.clip((points[:, 0] - low[0]) / (high[0] - low[0]), 0, 1)
-        keep = rng.random(number) < share
-        keep &= ((points - centre) ** 2).sum(axis=1) >= (flaws.hole * extent / 2) ** 2
-        return points[keep & ((points[:, 2] >= cut) | (flaws.missing == 0))]
-
-    points = draw_until(count, draw)
-    if flaws.ground:
-        points = np.concatenate([points, _ground(probe, cut, count / body.area, flaws, rng)])
-    points = points + flaws.noise * extent * rng.standard_normal(points.shape)
-    strays = rng.uniform(-1, 1, (round(flaws.outliers * count), 3)) * (high - low)
-    points = np.concatenate([points, (low + high) / 2 + strays])
-    points = points[rng.permutation(len(points))]
-    turn = Rotation.from_euler("xy", [flaws.tilt, flaws.tilt / 2], degrees=True)
-    return np.asarray(points @ turn.as_matrix().T + OFFSET)
-
-
-def _ground(
-    probe: np.ndarray, cut: float, density: float, flaws: Flaws, rng: np.random.Generator
-) -> np.ndarray:
-    """Points of the ground that a body stands on, as dense as its own, where it can be seen."""
-    low, high = probe.min(axis=0), probe.max(axis=0)
-    width = float((high - low)[:2].max())
-    side = flaws.ground * width
-    count = rng.poisson(density * side**2)
-    flat = (low + high)[:2] / 2 + side * rng.uniform(-0.5, 0.5, (count, 2))
-    hidden = probe[probe[:, 2] < max(cut, low[2] + 0.01 * (high[2] - low[2])), :2]
-    away, _ = cKDTree(hidden).query(flat, distance_upper_bound=0.03 * width)
-    flat = flat[np.isinf(away)]
-    return np.column_stack([flat, np.full(len(flat), low[2])])

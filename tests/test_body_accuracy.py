@@ -10,20 +10,17 @@ from typing import Optional
 
 import numpy as np
 import pytest
+from scans import OFFSET, Flaws, scan, volume_of
 from scipy.spatial import ConvexHull, cKDTree
 from solids import (
     BODIES,
     BUNNY,
     NO_BUNNY,
-    OFFSET,
-    Flaws,
     ball_part,
     box_part,
     bunny_mesh,
     random_body,
-    scan,
     union_volume,
-    volume_of,
     water_share,
 )
 

@@ -12,8 +12,9 @@ import pytest
 from clouds import write_las, write_ply
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scans import OFFSET, Flaws, scan, volume_of
 from scipy.spatial.transform import Rotation
-from solids import BODIES, OFFSET, Flaws, scan, volume_of
+from solids import BODIES
 
 from quantify_client import measure
 from quantify_client.cloud.ply import PlyCloud

@@ -9,7 +9,8 @@ from typing import List, Tuple
 
 import numpy as np
 import pytest
-from solids import Flaws, random_body, scan, volume_of
+from scans import Flaws, scan, volume_of
+from solids import random_body
 
 from quantify_client.types import AreaResult
 

@@ -1,4 +1,4 @@
-"""A closed body, from its points to its result."""
+"""A closed body by the paper's method, from its points to its result."""
 
 from __future__ import annotations
 

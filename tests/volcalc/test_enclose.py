@@ -4,7 +4,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from solids import BODIES, OFFSET, Flaws, box_part, cup, hollow_ball, scan, sphere
+from scans import OFFSET, Flaws, scan
+from solids import BODIES, box_part, cup, hollow_ball, sphere
 
 from quantify_client.volcalc.enclose import Enclosed, Open, enclose
 

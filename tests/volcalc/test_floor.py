@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scans import OFFSET, Flaws, scan
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
-from solids import OFFSET, Flaws, cube, scan, sphere, table
+from solids import cube, sphere, table
 
 from quantify_client.volcalc.floor import Plane, Pose, find_plane, is_ground, lid
 

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scans import OFFSET, scan
 from scipy.spatial.transform import Rotation
-from solids import BODIES, OFFSET, cup, scan
+from solids import BODIES, cup
 
 from quantify_client.volcalc.hollows import water_levels
 from quantify_client.volcalc.pockets import find_pockets

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from scans import OFFSET, scan
 from scipy.spatial.transform import Rotation
-from solids import BODIES, OFFSET, cube, cup, scan, sphere
+from solids import BODIES, cube, cup, sphere
 
 from quantify_client.volcalc.occupancy import occupancy_volume
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from solids import OFFSET, Flaws, ball_part, scan, sphere, two_spheres
+from scans import OFFSET, Flaws, scan
+from solids import ball_part, sphere, two_spheres
 
 from quantify_client.volcalc.pockets import find_pockets
 from quantify_client.volcalc.tetrahedra import Tetrahedra, tetrahedralize

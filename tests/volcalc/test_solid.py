@@ -6,19 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from solids import (
-    BODIES,
-    OFFSET,
-    Flaws,
-    ball_part,
-    box_part,
-    cup,
-    hollow_ball,
-    mixed,
-    scan,
-    sphere,
-    volume_of,
-)
+from scans import OFFSET, Flaws, scan, volume_of
+from solids import BODIES, ball_part, box_part, cup, hollow_ball, mixed, sphere
 
 from quantify_client.errors import InputError
 from quantify_client.volcalc.solid import SolidRecipe, measure_solid

@@ -4,7 +4,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from solids import OFFSET, Flaws, cup, hollow_ball, scan, sphere, two_spheres
+from scans import OFFSET, Flaws, scan
+from solids import cup, hollow_ball, sphere, two_spheres
 
 from quantify_client.volcalc.pockets import find_pockets
 from quantify_client.volcalc.spaces import find_spaces

@@ -4,8 +4,9 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scans import OFFSET, Flaws, scan
 from scipy.spatial import cKDTree
-from solids import OFFSET, Flaws, box_part, cube, scan, sphere
+from solids import box_part, cube, sphere
 
 from quantify_client.errors import InputError
 from quantify_client.volcalc.standing import on_lowest_points, stand

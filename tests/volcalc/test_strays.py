@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from solids import BODIES, OFFSET, Flaws, scan
+from scans import OFFSET, Flaws, scan
+from solids import BODIES
 
 from quantify_client.volcalc.strays import stray_points
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from solids import OFFSET
+from scans import OFFSET
 
 from quantify_client.volcalc import voxels
 from quantify_client.volcalc.voxels import Thinned, VoxelAccumulator, thin
