@@ -136,7 +136,8 @@ def _onto_measured(weights: FloatArray, surface: Surface) -> FloatArray:
         return weights
     place = np.ravel_multi_index(tuple(surface.nearest[1][:, lost]), lost.shape)
     gained = [np.bincount(place, weight[lost], lost.size) for weight in weights]
-    return np.where(lost, 0.0, weights) + np.reshape(gained, weights.shape)
+    moved: FloatArray = np.where(lost, 0.0, weights) + np.reshape(gained, weights.shape)
+    return moved
 
 
 def _flat_ground(surface: Surface, unsure: float, sigma: FloatArray) -> float:
