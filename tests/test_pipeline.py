@@ -88,7 +88,9 @@ def test_an_unknown_option_is_a_type_error(cloud):
         {"density": 1.0, "density_sigma": -0.1},
         {"base": float("nan")},
         {"shape": "blob"},
-        {"method": "section"},
+        {"method": "hull"},
+        {"max_gap": -1.0},
+        {"floor": "cellar"},
     ],
 )
 def test_options_out_of_range_are_refused_before_the_cloud_is_opened(wrong, tmp_path, cloud):

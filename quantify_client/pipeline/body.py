@@ -30,7 +30,7 @@ def measure_object(source: Source, frame: Frame, options: Options, report: Progr
     bounds = bounds_in_frame(source, frame)
     middle = 0.5 * (bounds.min_z + bounds.max_z)
     factor = ground_factor(source, frame, window_of(bounds), middle, options)
-    method = "section" if options.method is None else options.method
+    method = options.method or ("polar" if options.center_caps else "section")
     run = _by_sections if method == "section" else _by_polar
     result, left_out = run(source, frame, bounds, factor or 1.0, options, report)
     results = [finish(result, left_out, options)]
