@@ -78,12 +78,13 @@ def _thinned(
     high = np.array([bounds.max_x, bounds.max_y, bounds.max_z])
     accumulator = VoxelAccumulator(low, high)
     left_out = stream(source.cloud, frame, accumulator, None, thread_count(threads), report)
-    inner_low, inner_high = _core(accumulator.thinned())
+    thinned = accumulator.thinned()
+    inner_low, inner_high = _core(thinned)
     if np.max(inner_high - inner_low) < _LEAST_CORE * np.max(high - low):
         accumulator = VoxelAccumulator(inner_low, inner_high)
         left_out = stream(source.cloud, frame, accumulator, None, thread_count(threads), report)
-    far = accumulator.seen - accumulator.placed
-    return accumulator.thinned(), left_out, far
+        thinned = accumulator.thinned()
+    return thinned, left_out, accumulator.seen - accumulator.placed
 
 
 def _core(thinned: Thinned) -> Tuple[FloatArray, FloatArray]:

@@ -14,7 +14,7 @@ from ..types import FloatArray, Gap, IntArray
 from .hollows import water_levels
 from .pockets import find_pockets
 from .sections import Surface, surface_of
-from .spaces import OPEN, Spaces, find_spaces
+from .spaces import Spaces, find_spaces, open_faces
 from .tetrahedra import Tetrahedra, tetrahedralize
 
 __all__ = ["Enclosed", "Open", "enclose"]
@@ -44,6 +44,7 @@ class Enclosed:
     spacing : of the points, metres.
     water : volume of the hollows that were filled, cubic metres.
     voids : volume of what is enclosed by matter, cubic metres; part of ``within`` unless hollow.
+    hollow : hollows and voids are no part of the body.
     narrow : share of the matter that is as narrow as the skin.
     gaps : openings closed.
     patches : (G, 3, 3) float64, the triangles that close them.
@@ -58,6 +59,7 @@ class Enclosed:
     spacing: float
     water: float
     voids: float
+    hollow: bool
     narrow: float
     gaps: Sequence[Gap]
     patches: FloatArray
@@ -102,7 +104,7 @@ def enclose(points: FloatArray, *, hollow: bool, max_gap: Optional[float]) -> Un
     else:
         deep = water_levels(space, depth == 0, _SHALLOW * spacing, skin)
         ceiling = np.maximum(ceiling, deep)
-    return _measured(space, spaces, depth, ceiling, skin, thin_walled)
+    return _measured(space, spaces, depth, ceiling, skin, hollow, thin_walled)
 
 
 def _measured(
@@ -111,6 +113,7 @@ def _measured(
     depth: IntArray,
     ceiling: FloatArray,
     skin: float,
+    hollow: bool,
     thin_walled: bool,
 ) -> Enclosed:
     surface = surface_of(space, ceiling)
@@ -130,6 +133,7 @@ def _measured(
         spacing=float(np.median(space.spacing)),
         water=max(0.0, within - float(matter.sum())),
         voids=float(space.volume[(depth > 0) & (depth % 2 == 0)].sum()),
+        hollow=hollow,
         narrow=inner / float(matter.sum()),
         gaps=spaces.gaps,
         patches=space.points[space.faces[spaces.closing]],
@@ -141,17 +145,16 @@ def _measured(
 def _skin_width(space: Tetrahedra, matter: _BoolArray) -> float:
     """Return how wide the gaps between the points of the surface are, openings apart."""
     border = np.flatnonzero(matter[space.first] != matter[space.second])
-    width = space.width[border]
-    closed = width <= OPEN * space.spacing[space.faces[border]].max(axis=1)
-    return float(np.quantile(width[closed], _SKIN)) if closed.any() else 0.0
+    closed = border[~open_faces(space, border)]
+    return float(np.quantile(space.width[closed], _SKIN)) if len(closed) else 0.0
 
 
 def _walls(space: Tetrahedra, leaks: Sequence[Gap]) -> Spaces:
     """Return the spaces when all that no opening leads to is matter."""
-    wide = space.width > OPEN * space.spacing[space.faces].max(axis=1)
+    wide = np.flatnonzero(open_faces(space, np.arange(len(space.faces))))
     count = space.around + 1
     links = coo_matrix(
-        (np.ones(np.count_nonzero(wide)), (space.first[wide], space.second[wide])), (count, count)
+        (np.ones(len(wide)), (space.first[wide], space.second[wide])), (count, count)
     )
     part = connected_components(links, directed=False)[1]
     number = (part != part[-1]).astype(np.int64)

@@ -49,11 +49,10 @@ class Estimate:
     outline_std: float
 
 
-def tells(body: Enclosed, again: Optional[Enclosed]) -> bool:
+def tells(body: Enclosed, again: Enclosed) -> bool:
     """Whether a resampled body is the same one."""
-    if again is None or again.thin_walled != body.thin_walled:
-        return False
-    return abs(again.within - body.within) < _SAME * body.within
+    same = abs(again.within - body.within) < _SAME * body.within
+    return same and again.thin_walled == body.thin_walled
 
 
 def estimate(body: Enclosed, again: Optional[Enclosed], every: int) -> Estimate:

@@ -15,11 +15,11 @@ from scipy.ndimage import binary_dilation, distance_transform_edt, label
 from scipy.spatial import cKDTree
 
 from ..types import FloatArray, IntArray
+from .spacing import spacings
 
 __all__ = ["cover", "occupancy_volume"]
 
-#: The spacing is the distance to this neighbour, where points are nearly as sparse as anywhere.
-_NEIGHBOUR = 6
+#: The spacing is that where points are nearly as sparse as anywhere: this quantile of all.
 _SPARSE = 0.9
 
 #: Half the thicknesses of the skin, in spacings; the first is the thinnest that points at random
@@ -42,8 +42,7 @@ def occupancy_volume(points: FloatArray, patches: Optional[FloatArray] = None) -
     points : (N, 3) float64, metres, on the surface.
     patches : (K, 3) float64, where its openings are closed.
     """
-    nth = min(_NEIGHBOUR + 1, len(points))
-    spacing = float(np.quantile(cKDTree(points).query(points, [nth])[0], _SPARSE))
+    spacing = float(np.quantile(spacings(points), _SPARSE))
     if patches is not None:
         points = np.vstack([points, patches])
     extent = float(np.ptp(points, axis=0).max())

@@ -123,7 +123,7 @@ def _hollows(body: Enclosed, volume: float) -> Iterator[str]:
             f"a hollow that would hold {body.water:.4g} m3 of water counts as solid; --hollow "
             "leaves it out"
         )
-    if body.voids > 0.002 * volume:
+    if body.voids > 0.002 * volume and not body.hollow:
         yield (
             f"{body.voids:.4g} m3 are enclosed voids; they count as solid unless --hollow is given"
         )

@@ -18,10 +18,10 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components, mini
 from ..types import FloatArray, Gap, IntArray
 from .tetrahedra import Tetrahedra
 
-__all__ = ["OPEN", "Spaces", "find_spaces"]
+__all__ = ["Spaces", "find_spaces", "open_faces"]
 
 #: A face wider than this many spacings of its points lies in an opening.
-OPEN = 3.0
+_OPEN = 3.0
 
 #: A space whose border has fewer faces than this is a gap between points.
 _FEWEST_FACES = 20
@@ -78,6 +78,13 @@ def find_spaces(space: Tetrahedra, pocket: IntArray, max_gap: Optional[float] = 
     return Spaces(number, depth, _gaps(space, closing), closing, leaks)
 
 
+def open_faces(space: Tetrahedra, faces: IntArray) -> _BoolArray:
+    """(K,) True for faces that are wider than gaps between points on a surface."""
+    spacing = space.spacing[space.faces[faces]].max(axis=1)
+    wide: _BoolArray = space.width[faces] > _OPEN * spacing
+    return wide
+
+
 @dataclass(frozen=True)
 class _Border:
     """The faces between different pockets or spaces: numbers of both, areas, kind."""
@@ -92,13 +99,12 @@ class _Border:
     def between(cls, space: Tetrahedra, number: IntArray) -> _Border:
         one, other = number[space.first], number[space.second]
         face = np.flatnonzero(one != other)
-        spacing = space.spacing[space.faces[face]].max(axis=1)
         return cls(
             face,
             np.minimum(one[face], other[face]),
             np.maximum(one[face], other[face]),
             space.face_areas(face),
-            space.width[face] > OPEN * spacing,
+            open_faces(space, face),
         )
 
     def sums(self) -> _Pairs:

@@ -8,16 +8,16 @@ from typing import Optional, Union
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from ..errors import InputError
 from ..types import FloatArray, Floor, IntArray
 from .floor import Plane, Pose, find_plane, is_ground, lid
+from .spacing import spacings
 from .strays import stray_points
 
 __all__ = ["Standing", "on_lowest_points", "stand"]
 
-_NEIGHBOUR = 6
+_FEWEST = 7  # points that may be a body
 
 #: The ground that is found unasked for is not steeper.
 _STEEPEST = 60.0
@@ -90,7 +90,7 @@ def stand(points: FloatArray, counts: IntArray, floor: Union[str, float]) -> Sta
     turned = pose.apply(points)
     ground = turned[:, 2] <= plane.reach
     body = ~ground & clean
-    if np.count_nonzero(body) <= _NEIGHBOUR:
+    if np.count_nonzero(body) < _FEWEST:
         if floor == "auto":
             return _without_floor(points, counts, clean)
         raise InputError(
@@ -120,14 +120,15 @@ def on_lowest_points(standing: Standing) -> Standing:
     lowest_point = float(standing.points[:, 2].min())
     lowest = Floor((0.0, 0.0, 1.0), lowest_point, 0.0, 0, "lowest points")
     closed, foot = _closed(replace(standing, floor=lowest))
-    return replace(closed, unsure=foot - lowest_point + _LOWEST_UNSURE * _spacing(standing.points))
+    below = _LOWEST_UNSURE * float(np.median(spacings(standing.points)))
+    return replace(closed, unsure=foot - lowest_point + below)
 
 
 def _plane(points: FloatArray, floor: Union[str, float]) -> tuple[Optional[Plane], str]:
     """Return the floor's plane and how it was found."""
-    if floor == "none" or len(points) <= _NEIGHBOUR:
+    if floor == "none" or len(points) < _FEWEST:
         return None, ""
-    spacing = _spacing(points)
+    spacing = float(np.median(spacings(points)))
     if not isinstance(floor, str):
         return Plane(np.array([0.0, 0.0, 1.0]), float(floor), _GIVEN_REACH * spacing), "given"
     plane = find_plane(points, spacing, _STEEPEST if floor == "auto" else 180.0)
@@ -163,11 +164,6 @@ def _closed(standing: Standing) -> tuple[Standing, float]:
     """Return the body with a lid at its foot, and the elevation of that."""
     z = np.sort(standing.points[:, 2])
     foot = float(z[min(int(_FOOT * len(z)), len(z) - 1)])
-    spacing = _spacing(standing.points)
+    spacing = float(np.median(spacings(standing.points)))
     upto = foot + max(_LID_UNDER * float(z[-1] - foot), 3.0 * spacing)
     return replace(standing, lid=lid(standing.points, foot, upto, spacing)), foot
-
-
-def _spacing(points: FloatArray) -> float:
-    nth = min(_NEIGHBOUR + 1, len(points))
-    return float(np.median(cKDTree(points).query(points, [nth])[0]))

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from ..types import FloatArray
+from .spacing import spacings
 
 __all__ = ["stray_points"]
 
-_NEIGHBOUR = 6
+_FEWEST = 7  # points
 
 #: A stray's sixth neighbour is this many times farther than that of nine points in ten. A cloud
 #: ten times denser at one end than at the other stays below 2, the tails of noise below 3.
@@ -25,8 +25,8 @@ def stray_points(points: FloatArray) -> npt.NDArray[np.bool_]:
     ----------
     points : (N, 3) float64, metres; repeated points count once each.
     """
-    if len(points) <= _NEIGHBOUR:
+    if len(points) < _FEWEST:
         return np.zeros(len(points), dtype=bool)
-    away = cKDTree(points).query(points, [_NEIGHBOUR + 1])[0][:, 0]
+    away = spacings(points)
     strays: npt.NDArray[np.bool_] = away > _FAR * np.quantile(away, _MOST)
     return strays

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import Delaunay, cKDTree
+from scipy.spatial import Delaunay
 
 from ..errors import InputError
 from ..types import FloatArray, IntArray
+from .spacing import spacings
 
 __all__ = ["Tetrahedra", "tetrahedralize"]
 
@@ -16,9 +17,6 @@ __all__ = ["Tetrahedra", "tetrahedralize"]
 #: tube have no unique triangulation, and finding one takes many times longer; volumes do not see
 #: it.
 _JOGGLE = 0.01
-
-#: The spacing at a point is the distance to this neighbour.
-_NEIGHBOUR = 6
 
 _FEWEST = 5  # points; four span one tetrahedron, which has no inside to find
 
@@ -85,7 +83,7 @@ def tetrahedralize(points: FloatArray) -> Tetrahedra:
         For fewer than five points, and for points that all lie in one plane.
     """
     _refuse_flat(points)
-    spacing = cKDTree(points).query(points, [min(_NEIGHBOUR + 1, len(points))])[0][:, 0]
+    spacing = spacings(points)
     rng = np.random.default_rng(0)
     points = points + rng.uniform(-_JOGGLE, _JOGGLE, points.shape) * spacing[:, None]
     delaunay = Delaunay(points)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any, Callable, Dict, List, Sequence, Tuple
 
 import numpy as np
 
+from quantify_client.report.units import THIN_SPACE
 from quantify_client.types import (
     AreaResult,
     BudgetItem,
@@ -156,3 +158,16 @@ def extent(result: AreaResult) -> Tuple[FloatArray, FloatArray]:
     """Lowest and highest coordinates of the points of a body."""
     assert result.solid is not None
     return result.solid.points.min(axis=0), result.solid.points.max(axis=0)
+
+
+def solid_of(result: AreaResult) -> Solid:
+    assert result.solid is not None
+    return result.solid
+
+
+def with_solid(result: AreaResult, **changes: Any) -> AreaResult:
+    return dataclasses.replace(result, solid=dataclasses.replace(solid_of(result), **changes))
+
+
+def plain(text: str) -> str:
+    return text.replace(THIN_SPACE, " ").replace("\u00a0", " ")

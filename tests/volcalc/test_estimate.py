@@ -26,6 +26,7 @@ BODY = Enclosed(
     spacing=0.1,
     water=0.0,
     voids=0.0,
+    hollow=False,
     narrow=0.0,
     gaps=(),
     patches=np.empty((0, 3, 3)),
@@ -68,4 +69,3 @@ def test_other_walls_tell_nothing() -> None:
     assert tells(BODY, replace(BODY, within=98.0))
     assert not tells(BODY, replace(BODY, within=60.0))
     assert not tells(BODY, replace(BODY, thin_walled=True))
-    assert not tells(BODY, None)
