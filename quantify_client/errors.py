@@ -8,6 +8,7 @@ Every message is one line that holds what was found, what was expected, and the 
     |   +-- AreaError                a polygon or the file around it
     |   +-- CrsError                 a coordinate reference system or a unit
     |   +-- SupportError             too few points under an area
+    |   +-- ControlError             a control file, or what it says of a cloud
     |   +-- UsageError               options that contradict each other
     +-- OutputError (OSError)        what we were to write cannot be written
     +-- MissingExtraError (ImportError)   an optional package is needed
@@ -18,6 +19,7 @@ from __future__ import annotations
 __all__ = [
     "AreaError",
     "CloudError",
+    "ControlError",
     "CrsError",
     "InputError",
     "MissingExtraError",
@@ -50,6 +52,10 @@ class CrsError(InputError):
 
 class SupportError(InputError):
     """Too few points lie under an area to measure it."""
+
+
+class ControlError(InputError):
+    """A control file cannot be read, or the control it holds cannot do what is asked of it."""
 
 
 class UsageError(InputError):

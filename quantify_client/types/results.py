@@ -1,8 +1,4 @@
-"""The nouns that travel between rooms, and into JSON.
-
-Frozen dataclasses only. Lengths, areas and volumes are in metres unless a name says otherwise
-(a cloud whose unit is unknown keeps its own; :attr:`Measurement.length_unit` then says so).
-"""
+"""What a measurement ends in."""
 
 from __future__ import annotations
 
@@ -12,133 +8,21 @@ from typing import Any, Mapping, Optional, Sequence, Tuple, Union
 import numpy as np
 import numpy.typing as npt
 
+from .arrays import FloatArray
+from .scaling import Scaling
+
 __all__ = [
     "AreaFailure",
     "AreaResult",
-    "Bounds",
     "BudgetItem",
     "Check",
-    "Chunk",
-    "CloudInfo",
-    "FloatArray",
     "Floor",
     "Gap",
-    "IntArray",
     "Measurement",
-    "Options",
     "Relief",
     "Slice",
     "Solid",
-    "Window",
 ]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class Bounds:
-    """An axis-aligned box, in the units of whatever it bounds."""
-
-    min_x: float
-    min_y: float
-    min_z: float
-    max_x: float
-    max_y: float
-    max_z: float
-
-
-@dataclass(frozen=True)
-class Window:
-    """A rectangle on the ground: what a reader with an index needs to deliver at least."""
-
-    min_x: float
-    min_y: float
-    max_x: float
-    max_y: float
-
-    @classmethod
-    def around(cls, windows: Sequence[Window]) -> Window:
-        """Return the smallest window that holds all of these; there must be one."""
-        return cls(
-            min(window.min_x for window in windows),
-            min(window.min_y for window in windows),
-            max(window.max_x for window in windows),
-            max(window.max_y for window in windows),
-        )
-
-
-@dataclass(frozen=True)
-class Chunk:
-    """Some points of a cloud, in the cloud's own coordinates.
-
-    Attributes
-    ----------
-    x, y, z : (N,) float64
-        Finite coordinates.
-    left_out : mapping of reason to count
-        Points that were read together with these but are not among them
-        (``"noise class"``, ``"withheld"``, ...).
-    """
-
-    x: FloatArray
-    y: FloatArray
-    z: FloatArray
-    left_out: Mapping[str, int] = field(default_factory=dict)
-
-    def __len__(self) -> int:
-        return len(self.x)
-
-
-@dataclass(frozen=True)
-class CloudInfo:
-    """What is known of a cloud before its points are read.
-
-    Attributes
-    ----------
-    sources : the files, in the order in which they are read.
-    format : ``"las"``, ``"laz"``, ``"copc"``, ``"ply"``, ``"text"``, ``"ept"``, or
-        ``"mixed"``.
-    point_count : number of points the headers promise, or None where only reading tells (text).
-    bounds : from the headers, in the cloud's own units, or None where only reading tells.
-    crs : WKT, PROJ string or ``EPSG:n``; None when the cloud does not say.
-    crs_origin : where the CRS was found (``"LAS WKT record"``, ``"coords.txt"``, ...), or None.
-    """
-
-    sources: Sequence[str]
-    format: str
-    point_count: Optional[int]
-    bounds: Optional[Bounds]
-    crs: Optional[str]
-    crs_origin: Optional[str] = None
-    warnings: Sequence[str] = ()
-
-
-@dataclass(frozen=True)
-class Options:
-    """Everything that decides a measurement; each field is a command-line option of the same name.
-
-    ``slices`` is ``"auto"`` or a positive number; ``base`` one of the names in
-    :mod:`quantify_client.volcalc.base`, ``"compare"`` or an elevation in metres; ``floor`` is
-    ``"auto"``, ``"none"``, ``"plane"`` or an elevation in metres; ``max_gap`` is in metres;
-    ``density`` is in t/m3.
-    """
-
-    area: Optional[Any] = None
-    shape: str = "auto"
-    method: Optional[str] = None
-    slices: Union[str, int] = "auto"
-    slice_height: Optional[float] = None
-    base: Optional[Union[str, float]] = None
-    center_caps: bool = False
-    hollow: bool = False
-    max_gap: Optional[float] = None
-    floor: Union[str, float] = "auto"
-    grid: bool = False
-    source_unit: Optional[str] = None
-    density: Optional[float] = None
-    density_sigma: float = 0.0
-    threads: int = 0
 
 
 @dataclass(frozen=True)
@@ -335,7 +219,7 @@ class Measurement:
     results: Sequence[Union[AreaResult, AreaFailure]]
     warnings: Sequence[str]
     provenance: Mapping[str, Any]
-    scale: Optional[Mapping[str, Any]] = None
+    scale: Optional[Scaling] = None
     frame: Optional[Any] = field(default=None, repr=False, compare=False)
 
     @property

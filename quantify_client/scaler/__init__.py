@@ -1,0 +1,1 @@
+"""Relative control points -> true size: control files, adjustment, similarity transform."""

@@ -1,0 +1,48 @@
+"""The nouns that travel between rooms, and into JSON.
+
+Frozen dataclasses only. Lengths, areas and volumes are in metres unless a name says otherwise
+(a cloud whose unit is unknown keeps its own; :attr:`Measurement.length_unit` then says so).
+"""
+
+from __future__ import annotations
+
+from .arrays import FloatArray, IntArray
+from .cloud import Bounds, Chunk, CloudInfo, Window
+from .options import Options
+from .results import (
+    AreaFailure,
+    AreaResult,
+    BudgetItem,
+    Check,
+    Floor,
+    Gap,
+    Measurement,
+    Relief,
+    Slice,
+    Solid,
+)
+from .scaling import ControlledPoint, DirectHeight, ScaleObservation, Scaling
+
+__all__ = [
+    "AreaFailure",
+    "AreaResult",
+    "Bounds",
+    "BudgetItem",
+    "Check",
+    "Chunk",
+    "CloudInfo",
+    "ControlledPoint",
+    "DirectHeight",
+    "FloatArray",
+    "Floor",
+    "Gap",
+    "IntArray",
+    "Measurement",
+    "Options",
+    "Relief",
+    "ScaleObservation",
+    "Scaling",
+    "Slice",
+    "Solid",
+    "Window",
+]

@@ -1,0 +1,93 @@
+"""What is known of a cloud, and some of its points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Mapping, Optional, Sequence
+
+from .arrays import FloatArray
+
+__all__ = [
+    "Bounds",
+    "Chunk",
+    "CloudInfo",
+    "Window",
+]
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """An axis-aligned box, in the units of whatever it bounds."""
+
+    min_x: float
+    min_y: float
+    min_z: float
+    max_x: float
+    max_y: float
+    max_z: float
+
+
+@dataclass(frozen=True)
+class Window:
+    """A rectangle on the ground: what a reader with an index needs to deliver at least."""
+
+    min_x: float
+    min_y: float
+    max_x: float
+    max_y: float
+
+    @classmethod
+    def around(cls, windows: Sequence[Window]) -> Window:
+        """Return the smallest window that holds all of these; there must be one."""
+        return cls(
+            min(window.min_x for window in windows),
+            min(window.min_y for window in windows),
+            max(window.max_x for window in windows),
+            max(window.max_y for window in windows),
+        )
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Some points of a cloud, in the cloud's own coordinates.
+
+    Attributes
+    ----------
+    x, y, z : (N,) float64
+        Finite coordinates.
+    left_out : mapping of reason to count
+        Points that were read together with these but are not among them
+        (``"noise class"``, ``"withheld"``, ...).
+    """
+
+    x: FloatArray
+    y: FloatArray
+    z: FloatArray
+    left_out: Mapping[str, int] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+
+@dataclass(frozen=True)
+class CloudInfo:
+    """What is known of a cloud before its points are read.
+
+    Attributes
+    ----------
+    sources : the files, in the order in which they are read.
+    format : ``"las"``, ``"laz"``, ``"copc"``, ``"ply"``, ``"text"``, ``"ept"``, or
+        ``"mixed"``.
+    point_count : number of points the headers promise, or None where only reading tells (text).
+    bounds : from the headers, in the cloud's own units, or None where only reading tells.
+    crs : WKT, PROJ string or ``EPSG:n``; None when the cloud does not say.
+    crs_origin : where the CRS was found (``"LAS WKT record"``, ``"coords.txt"``, ...), or None.
+    """
+
+    sources: Sequence[str]
+    format: str
+    point_count: Optional[int]
+    bounds: Optional[Bounds]
+    crs: Optional[str]
+    crs_origin: Optional[str] = None
+    warnings: Sequence[str] = ()

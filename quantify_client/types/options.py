@@ -1,0 +1,37 @@
+"""Everything that decides a measurement."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Optional, Union
+
+__all__ = [
+    "Options",
+]
+
+
+@dataclass(frozen=True)
+class Options:
+    """Everything that decides a measurement; each field is a command-line option of the same name.
+
+    ``slices`` is ``"auto"`` or a positive number; ``base`` one of the names in
+    :mod:`quantify_client.volcalc.base`, ``"compare"`` or an elevation in metres; ``floor`` is
+    ``"auto"``, ``"none"``, ``"plane"`` or an elevation in metres; ``max_gap`` is in metres;
+    ``density`` is in t/m3.
+    """
+
+    area: Optional[Any] = None
+    shape: str = "auto"
+    method: Optional[str] = None
+    slices: Union[str, int] = "auto"
+    slice_height: Optional[float] = None
+    base: Optional[Union[str, float]] = None
+    center_caps: bool = False
+    hollow: bool = False
+    max_gap: Optional[float] = None
+    floor: Union[str, float] = "auto"
+    grid: bool = False
+    source_unit: Optional[str] = None
+    density: Optional[float] = None
+    density_sigma: float = 0.0
+    threads: int = 0
