@@ -1,7 +1,9 @@
 """Every coordinate transformation, unit and grid factor; the only user of pyproj.
 
 :mod:`.projection` holds what is needed of PROJ, :mod:`.frame` the metric frame of a cloud,
-:mod:`.ground` the way of geometries into it and of grid lengths to the ground.
+:mod:`.ground` the way of geometries into it and of grid lengths to the ground,
+:mod:`.positions` that of single points, :mod:`.local` their way to the ground of one site,
+:mod:`.placed` the frame of a cloud that is moved on its way.
 """
 
 from __future__ import annotations
@@ -14,15 +16,29 @@ from .ground import (
     grid_scale_factor,
     transfer_accuracy_m,
 )
+from .local import LocalFrame, local_frame, utm_grid
+from .placed import PlacedFrame, placed_frame
+from .positions import Plane, odm_header, plane_of, positions_to
 from .projection import is_geographic
+from .wkt import as_wkt
 
 __all__ = [
     "Frame",
+    "LocalFrame",
+    "PlacedFrame",
+    "Plane",
+    "as_wkt",
     "cloud_geometry_to_frame",
     "geometry_to_frame",
     "geometry_to_wgs84",
     "grid_scale_factor",
     "is_geographic",
+    "local_frame",
     "measuring_frame",
+    "odm_header",
+    "placed_frame",
+    "plane_of",
+    "positions_to",
     "transfer_accuracy_m",
+    "utm_grid",
 ]

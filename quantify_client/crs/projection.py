@@ -28,6 +28,7 @@ __all__ = [
     "WGS84",
     "areal_scale",
     "full_turn",
+    "gaussian_radius",
     "horizontal_wkt",
     "identifier",
     "is_geographic",
@@ -209,8 +210,8 @@ def areal_scale(crs: CRS, x: float, y: float) -> Tuple[float, float]:
     scale : square root of the grid's square metres per square metre of the ellipsoid at grid x, y.
     radius_m : Gaussian mean radius sqrt(M N) of the ellipsoid there.
     """
-    base, ellipsoid = crs.geodetic_crs, crs.ellipsoid
-    if base is None or ellipsoid is None:
+    base = crs.geodetic_crs
+    if base is None or crs.ellipsoid is None:
         raise CrsError(f"{short(crs.name)} has no ellipsoid; measure with --grid (no correction)")
     grid, angles = crs.to_wkt(), base.to_2d().to_wkt()
     radian = float(base.axis_info[0].unit_conversion_factor)
@@ -226,10 +227,18 @@ def areal_scale(crs: CRS, x: float, y: float) -> Tuple[float, float]:
     by_lon, by_lat = (np.array([v[1] - v[0], v[3] - v[2]]) for v in (east, north))
     determinant = float(by_lon[0] * by_lat[1] - by_lon[1] * by_lat[0])
     grid_area = abs(determinant) * (unit_m / (2 * step * radian)) ** 2  # per square radian
-    a, b = ellipsoid.semi_major_metre, ellipsoid.semi_minor_metre
-    e2 = 1 - (b / a) ** 2
-    radius_m = a * math.sqrt(1 - e2) / (1 - e2 * math.sin(lat * radian) ** 2)
+    radius_m = gaussian_radius(crs, lat * radian)
     return math.sqrt(grid_area / (radius_m**2 * math.cos(lat * radian))), radius_m
+
+
+def gaussian_radius(crs: CRS, lat: float) -> float:
+    """Gaussian mean radius sqrt(M N) of a CRS's ellipsoid, metres; lat in radians."""
+    ellipsoid = crs.ellipsoid
+    if ellipsoid is None:
+        raise CrsError(f"{short(crs.name)} has no ellipsoid; give a geographic or projected CRS")
+    a, b = ellipsoid.semi_major_metre, ellipsoid.semi_minor_metre
+    eccentricity2 = 1 - (b / a) ** 2
+    return float(a * math.sqrt(1 - eccentricity2) / (1 - eccentricity2 * math.sin(lat) ** 2))
 
 
 def short(text: object) -> str:

@@ -1,0 +1,296 @@
+"""One weighted least-squares adjustment of everything; what contradicts the rest is found.
+
+First a robust loss, then a test of every residual against what its redundancy allows (Baarda's
+data snooping): W. Baarda (1968), A testing procedure for use in geodetic networks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Dict, Mapping, Sequence, Set, Tuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import solve_triangular
+from scipy.optimize import least_squares
+from scipy.stats import chi2
+
+from ..types import FloatArray, IntArray
+from .network import Freedom, Model, Network, State
+
+__all__ = ["Adjustment", "adjust"]
+
+#: Residuals beyond this many sigmas stop pulling in proportion.
+_ROBUST = 2.0
+
+#: Share of good observations that a test calls bad.
+_LEVEL = 1e-3
+
+#: Of one kind at most this share is called bad; beyond that the kind is less accurate than said.
+_MOST_BAD = 0.25
+
+#: Below this redundancy nothing controls an observation, and its residual tells nothing.
+_UNCONTROLLED = 1e-4
+
+#: Two statistics this near to each other cannot say which of both observations is wrong.
+_SAME = 0.02
+
+_ROUNDS = 60
+
+#: Most evaluations: a robust fit only has to come near, where the last one begins.
+_STEPS = {"soft_l1": 40, "linear": 200}
+
+
+@dataclass(frozen=True)
+class Adjustment:
+    """The adjusted network.
+
+    Attributes
+    ----------
+    model : its equations, about the adjusted state: all unknowns are 0 there.
+    state : the adjusted points and the transform.
+    covariance : (size, size) of the unknowns.
+    active : (rows,) which rows took part.
+    residual : (rows,) adjusted - observed, metres.
+    sigma : (rows,) as used.
+    redundancy : (rows,) 0 to 1; of rows that took no part NaN.
+    statistic : (groups,) squared residual against its own covariance; NaN where uncontrolled.
+    excess : (groups,) the statistic / what it may be; 0 where uncontrolled.
+    outliers : groups left out because they contradict the rest.
+    raised : by kind, by what factor the sigmas given were raised.
+    """
+
+    model: Model
+    state: State
+    covariance: FloatArray
+    active: npt.NDArray[np.bool_]
+    residual: FloatArray
+    sigma: FloatArray
+    redundancy: FloatArray
+    statistic: FloatArray
+    excess: FloatArray
+    outliers: Tuple[int, ...]
+    raised: Mapping[str, float]
+    cost: float
+    _rows: FloatArray
+
+    def std_without(self, rows: npt.NDArray[np.bool_]) -> float:
+        """Return the standard deviation of the scale's logarithm if these rows were not there."""
+        column = self.model.scale_column
+        taken = self._rows[rows & self.active]
+        normal = np.linalg.inv(self.covariance) - taken.T @ taken
+        return float(np.sqrt(abs(np.linalg.inv(normal)[column, column])))
+
+    def carries(self) -> FloatArray:
+        """(rows,) share of what is known of the scale that each row alone brings; NaN if left out."""
+        column = self.model.scale_column
+        variance = self.covariance[column, column]
+        gain = (self._rows @ self.covariance[:, column]) ** 2
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = 1.0 - variance / (variance + gain / np.maximum(self.redundancy, 1e-12))
+        return np.where(self.active, share, np.nan)
+
+
+def adjust(network: Network, freedom: Freedom, starts: Sequence[State]) -> Adjustment:
+    """Adjust from the best of several starts.
+
+    Parameters
+    ----------
+    starts : approximate values; a wrong tilt or sign of height differences leads to a minimum of
+        its own, so each plausible one is tried.
+    """
+    tried = [_robust(Model(network, freedom, start)) for start in starts]
+    state = min(tried, key=lambda found: found[1])[0]
+    return _Judge(Model(network, freedom, state)).run()
+
+
+def _robust(model: Model) -> Tuple[State, float]:
+    """Return the state that few gross errors do not move, and its cost."""
+    used = _without_checks(model)
+    found = _minimise(model, used, {}, loss="soft_l1", tolerance=1e-6)
+    return model.state(found[0]), found[1]
+
+
+def _without_checks(model: Model) -> npt.NDArray[np.bool_]:
+    lengths = np.isin(model.kind, ("distance", "scale_bar"))
+    used = np.ones(len(model.kind), dtype=bool)
+    used[lengths] = ~model.network.check[model.index[lengths]]
+    return used
+
+
+def _minimise(
+    model: Model,
+    used: npt.NDArray[np.bool_],
+    raised: Mapping[str, float],
+    loss: str,
+    tolerance: float,
+) -> Tuple[FloatArray, float]:
+    less = _lessening(model, raised)
+
+    def value(unknowns: FloatArray) -> FloatArray:
+        rows = model.whiten(model.computed(unknowns) - model.observed()) * less
+        return np.concatenate([rows[used], model.loose(unknowns)[0]])
+
+    def slope(unknowns: FloatArray) -> FloatArray:
+        rows = model.whiten(model.jacobian(unknowns)) * less[:, None]
+        return np.vstack([rows[used], model.loose(unknowns)[1]])
+
+    found = least_squares(
+        value,
+        np.zeros(model.size),
+        slope,
+        method="trf",
+        x_scale="jac",
+        loss=loss,
+        f_scale=_ROBUST,
+        xtol=tolerance,
+        ftol=tolerance,
+        gtol=None,
+        max_nfev=_STEPS[loss],
+    )
+    return found.x, float(found.cost)
+
+
+def _lessening(model: Model, raised: Mapping[str, float]) -> FloatArray:
+    return np.array([1.0 / raised.get(str(kind), 1.0) for kind in model.kind])
+
+
+class _Judge:
+    """Leaves out what contradicts the rest, takes back what no longer does, and raises sigmas."""
+
+    def __init__(self, model: Model) -> None:
+        self._model = model
+        self._raised: Dict[str, float] = {}
+        self._checks = ~_without_checks(model)
+        self._out: Set[int] = set()
+        self._returned: Set[int] = set()
+
+    def run(self) -> Adjustment:
+        """Return the adjustment that no test finds fault with, or the best there is."""
+        for _ in range(_ROUNDS):
+            found = self._adjusted()
+            if not (self._take_back(found) or self._leave_out(found) or self._raise(found)):
+                break
+        return found
+
+    def _adjusted(self) -> Adjustment:
+        unknowns, _ = _minimise(
+            self._model, self._used(), self._raised, loss="linear", tolerance=1e-12
+        )
+        self._model = self._model.again(self._model.state(unknowns))
+        return self._solve(self._model)
+
+    def _used(self) -> npt.NDArray[np.bool_]:
+        return ~self._checks & ~np.isin(self._model.group, list(self._out))
+
+    def _solve(self, model: Model) -> Adjustment:
+        """Covariance, redundancy and tests about the model's own state."""
+        zero, used = np.zeros(model.size), self._used()
+        less = _lessening(model, self._raised)
+        raw = model.computed(zero) - model.observed()
+        white = model.whiten(raw) * less
+        rows = model.whiten(model.jacobian(zero)) * less[:, None]
+        covariance = _covariance(np.vstack([rows[used], model.loose(zero)[1]]))
+        known = np.einsum("ij,jk,ik->i", rows, covariance, rows)
+        statistic, excess = _statistics(model.group, rows, white, covariance, used)
+        return Adjustment(
+            model=model,
+            state=model.start,
+            covariance=covariance,
+            active=used,
+            residual=raw,
+            sigma=model.sigma() / less,
+            redundancy=np.where(used, np.clip(1.0 - known, 0.0, 1.0), np.nan),
+            statistic=statistic,
+            excess=excess,
+            outliers=tuple(sorted(self._out)),
+            raised=dict(self._raised),
+            cost=float(white[used] @ white[used]),
+            _rows=rows,
+        )
+
+    def _kind_of(self, group: int) -> str:
+        return str(self._model.kind[int(np.argmax(self._model.group == group))])
+
+    def _may_leave(self, group: int, out: Sequence[int]) -> bool:
+        kind = self._kind_of(group)
+        rows = (self._model.kind == kind) & ~self._checks
+        total = len(np.unique(self._model.group[rows]))
+        already = sum(self._kind_of(other) == kind for other in out)
+        return total >= 3 and already < max(1, int(_MOST_BAD * total))
+
+    def _take_back(self, found: Adjustment) -> bool:
+        """Bring back the group left out that fits best, if it fits."""
+        excess = found.excess
+        fits = [g for g in self._out - self._returned if excess[g] <= 1.0]
+        if not fits:
+            return False
+        best = min(fits, key=lambda group: float(excess[group]))
+        self._out.remove(best)
+        self._returned.add(best)
+        return True
+
+    def _leave_out(self, found: Adjustment) -> bool:
+        """Leave out the group that fits worst, if it does not fit and is told from the others."""
+        excess = found.excess.copy()
+        excess[list(self._out)] = 0.0
+        excess[np.unique(self._model.group[self._checks])] = 0.0
+        order = np.argsort(-excess)
+        worst = int(order[0])
+        if excess[worst] <= 1.0 or not self._may_leave(worst, sorted(self._out)):
+            return False
+        if len(order) > 1 and excess[order[1]] > (1.0 - _SAME) * excess[worst]:
+            return False
+        self._out.add(worst)
+        return True
+
+    def _raise(self, found: Adjustment) -> bool:
+        """Raise the sigmas of the kind whose residuals are least what they should be."""
+        model, worst, factor = self._model, "", 1.0
+        white = model.whiten(found.residual) * _lessening(model, self._raised)
+        for kind in np.unique(model.kind):
+            rows = (model.kind == kind) & found.active
+            freedom = float(np.nansum(found.redundancy[rows]))
+            total = float(white[rows] @ white[rows])
+            if freedom >= 1.0 and total > chi2.ppf(1.0 - _LEVEL, freedom):
+                ratio = float(np.sqrt(total / freedom))
+                if ratio > factor:
+                    worst, factor = str(kind), ratio
+        if not worst or factor < 1.001:
+            return False
+        self._raised[worst] = self._raised.get(worst, 1.0) * factor
+        return True
+
+
+def _covariance(rows: FloatArray) -> FloatArray:
+    """Inverse of rows.T @ rows, by QR: the numbers stay good where squares would not."""
+    size = np.linalg.norm(rows, axis=0)
+    upper = np.linalg.qr(rows / size, mode="r")
+    half = solve_triangular(upper, np.eye(len(size))) / size[:, None]
+    return np.asarray(half @ half.T)
+
+
+def _statistics(
+    group: IntArray,
+    rows: FloatArray,
+    white: FloatArray,
+    covariance: FloatArray,
+    used: npt.NDArray[np.bool_],
+) -> Tuple[FloatArray, FloatArray]:
+    """(groups,) squared residuals against their covariance, and the same / what they may be.
+
+    The residual of what took part varies less than the observation, that of what did not more.
+    """
+    count = int(group.max(initial=-1)) + 1
+    statistic, excess = np.full(count, np.nan), np.zeros(count)
+    for number in range(count):
+        mine = group == number
+        part = rows[mine] @ covariance @ rows[mine].T
+        sign = -1.0 if used[mine].all() else 1.0
+        values, vectors = np.linalg.eigh(np.eye(int(mine.sum())) + sign * part)
+        told = values > _UNCONTROLLED
+        if told.any():
+            along = vectors.T @ white[mine]
+            statistic[number] = float((along[told] ** 2 / values[told]).sum())
+            excess[number] = statistic[number] / chi2.ppf(1.0 - _LEVEL, int(told.sum()))
+    return statistic, excess

@@ -1,0 +1,311 @@
+"""Everything observed, as one system of equations: positions, elevations, lengths, the cloud.
+
+Unknown are the control points' places on the ground and the similarity transform between the
+cloud and the ground. All in a local frame: east, north, up, in metres.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Tuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ..types import FloatArray, IntArray
+
+__all__ = ["Freedom", "Model", "Network", "State"]
+
+# What is not observed at all must not make the equations singular: so little is known of a point,
+# of the scale (its logarithm), of angles and of the shift before anything is observed. Everything
+# that is observed outweighs these by many powers of ten.
+_POINT_M, _LOG_SCALE, _ANGLE, _SHIFT_M = 1e4, 10.0, 10.0, 1e5
+
+
+@dataclass(frozen=True)
+class Freedom:
+    """What of the transform is unknown; the rest stays as it starts.
+
+    Attributes
+    ----------
+    turn : 0 none, 1 the heading, 3 all three angles.
+    """
+
+    turn: int
+    shift_xy: bool
+    shift_z: bool
+    scale: bool = True
+
+
+@dataclass(frozen=True)
+class Network:
+    """Observations of n points and m lengths; NaN where there is none.
+
+    Attributes
+    ----------
+    names : of the points.
+    horizontal : (n, 2) east and north; horizontal_sigma : (n,).
+    elevation, elevation_sigma : (n,) heights above the frame's origin.
+    cloud : (n, 3) in the cloud, in metres of the ground as far as the cloud's own scale is
+        right; cloud_covariance : (n, 3, 3).
+    ends : (m, 2) indices of points; length, length_sigma : (m,).
+    bar, check : (m,) a scale bar; left out of the fit.
+    higher : (m,) 1 where the second end was noted to be higher, -1 the first, 0 neither.
+    radius_m : of the Earth, infinite for a plane.
+    """
+
+    names: Tuple[str, ...]
+    horizontal: FloatArray
+    horizontal_sigma: FloatArray
+    elevation: FloatArray
+    elevation_sigma: FloatArray
+    cloud: FloatArray
+    cloud_covariance: FloatArray
+    ends: IntArray
+    length: FloatArray
+    length_sigma: FloatArray
+    bar: npt.NDArray[np.bool_]
+    check: npt.NDArray[np.bool_]
+    higher: IntArray
+    radius_m: float = math.inf
+
+    @property
+    def placed(self) -> npt.NDArray[np.bool_]:
+        """(n,) which points have a horizontal position."""
+        found: npt.NDArray[np.bool_] = np.isfinite(self.horizontal[:, 0])
+        return found
+
+    @property
+    def levelled(self) -> npt.NDArray[np.bool_]:
+        """(n,) which points have an elevation."""
+        found: npt.NDArray[np.bool_] = np.isfinite(self.elevation)
+        return found
+
+    @property
+    def clouded(self) -> npt.NDArray[np.bool_]:
+        """(n,) which points are in the cloud."""
+        found: npt.NDArray[np.bool_] = np.isfinite(self.cloud[:, 0])
+        return found
+
+    def spans(self) -> IntArray:
+        """Return the indices of the lengths that take part in the fit."""
+        return np.flatnonzero(~self.check)
+
+    @property
+    def pivot(self) -> FloatArray:
+        """(3,) the middle of the points in the cloud, zero where there is none."""
+        known = self.clouded
+        return np.asarray(self.cloud[known].mean(axis=0)) if known.any() else np.zeros(3)
+
+
+@dataclass(frozen=True)
+class State:
+    """Values of all unknowns: points (n, 3), and the transform about the network's pivot."""
+
+    points: FloatArray
+    log_scale: float
+    rotation: FloatArray
+    shift: FloatArray
+
+
+@dataclass
+class Model:
+    """The equations of a network about a state.
+
+    Rows: gps (2 a point), elevation, cloud (3 a point), lengths. ``kind``, ``group`` and
+    ``component`` are (rows,); a group is what was observed at once: a position, a point in the
+    cloud, a length. ``index`` is the point or the length. ``start``
+    is what the unknowns count from.
+    """
+
+    network: Network
+    freedom: Freedom
+    start: State
+    kind: npt.NDArray[np.str_] = field(init=False)
+    group: IntArray = field(init=False)
+    component: IntArray = field(init=False)
+    index: IntArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        net = self.network
+        gps, levels, cloud = (
+            np.flatnonzero(mask) for mask in (net.placed, net.levelled, net.clouded)
+        )
+        lengths = np.arange(len(net.length))
+        kinds = np.where(net.bar, "scale_bar", "distance")
+        self.index = np.concatenate([np.repeat(gps, 2), levels, np.repeat(cloud, 3), lengths])
+        self.kind = np.concatenate(
+            [["gps"] * 2 * len(gps), ["elevation"] * len(levels), ["cloud"] * 3 * len(cloud), kinds]
+        ).astype(str)
+        sizes = [2] * len(gps) + [1] * len(levels) + [3] * len(cloud) + [1] * len(lengths)
+        self.group = np.repeat(np.arange(len(sizes)), sizes)
+        self.component = np.concatenate([np.arange(size) for size in [*sizes, 0]]).astype(np.int64)
+        self._gps, self._levels, self._cloud = gps, levels, cloud
+        chol = np.linalg.cholesky(net.cloud_covariance[cloud])
+        self._white = np.linalg.inv(chol) if len(cloud) else chol
+        turns = {0: [], 1: [2], 3: [0, 1, 2]}[self.freedom.turn]
+        shifts = [0, 1] * self.freedom.shift_xy + [2] * self.freedom.shift_z
+        self._free = [3 + k for k in turns] + shifts + [6] * self.freedom.scale
+
+    @property
+    def size(self) -> int:
+        """The number of unknowns: three of each point, then the transform's."""
+        return 3 * len(self.network.names) + len(self._free)
+
+    @property
+    def scale_column(self) -> int:
+        """Which unknown is the logarithm of the scale (the last one)."""
+        return self.size - 1
+
+    @property
+    def angle_columns(self) -> IntArray:
+        """Which unknowns are angles."""
+        first = 3 * len(self.network.names)
+        return first + np.array([i for i, k in enumerate(self._free) if 3 <= k < 6], dtype=np.int64)
+
+    @property
+    def shift_columns(self) -> IntArray:
+        """Which unknowns are the shift to the east and to the north."""
+        first = 3 * len(self.network.names)
+        return first + np.array([i for i, k in enumerate(self._free) if k < 2], dtype=np.int64)
+
+    def state(self, unknowns: FloatArray) -> State:
+        """Return the state that the unknowns lead to from the start."""
+        count = 3 * len(self.network.names)
+        step = np.zeros(7)
+        step[self._free] = unknowns[count:]
+        return State(
+            self.start.points + unknowns[:count].reshape(-1, 3),
+            self.start.log_scale + float(step[6]),
+            turned(step[3:6]) @ self.start.rotation,
+            self.start.shift + step[:3],
+        )
+
+    def again(self, state: State) -> Model:
+        """Return the same equations, counted from another state."""
+        return replace(self, start=state)
+
+    def observed(self) -> FloatArray:
+        """(rows,) what was observed."""
+        net = self.network
+        return np.concatenate(
+            [
+                net.horizontal[self._gps].ravel(),
+                net.elevation[self._levels],
+                net.cloud[self._cloud].ravel(),
+                net.length,
+            ]
+        )
+
+    def sigma(self) -> FloatArray:
+        """(rows,) standard deviations."""
+        net = self.network
+        variances = np.diagonal(net.cloud_covariance[self._cloud], axis1=1, axis2=2)
+        return np.concatenate(
+            [
+                np.repeat(net.horizontal_sigma[self._gps], 2),
+                net.elevation_sigma[self._levels],
+                np.sqrt(variances).ravel(),
+                net.length_sigma,
+            ]
+        )
+
+    def computed(self, unknowns: FloatArray) -> FloatArray:
+        """(rows,) what the observations should be."""
+        net, now = self.network, self.state(unknowns)
+        east, north, up = now.points.T
+        down = 1.0 / (1.0 + up / net.radius_m)
+        horizontal = now.points[self._gps, :2] * down[self._gps, None]
+        bulge = (east**2 + north**2) / (2.0 * net.radius_m)
+        back = (now.points[self._cloud] - now.shift) @ now.rotation * math.exp(-now.log_scale)
+        apart = now.points[net.ends[:, 1]] - now.points[net.ends[:, 0]]
+        return np.concatenate(
+            [
+                horizontal.ravel(),
+                (up + bulge)[self._levels],
+                (back + net.pivot).ravel(),
+                np.linalg.norm(apart, axis=1),
+            ]
+        )
+
+    def jacobian(self, unknowns: FloatArray) -> FloatArray:
+        """(rows, size) derivatives of :meth:`computed`."""
+        net, now = self.network, self.state(unknowns)
+        first = 3 * len(net.names)
+        whole = np.zeros((len(self.kind), first + 7))
+        rows = np.arange(len(self.kind))
+        east, north, up = now.points.T
+        down = 1.0 / (1.0 + up / net.radius_m)
+        gps = rows[self.kind == "gps"].reshape(-1, 2)
+        for axis in range(2):
+            whole[gps[:, axis], 3 * self._gps + axis] = down[self._gps]
+            slope = -now.points[self._gps, axis] * down[self._gps] ** 2 / net.radius_m
+            whole[gps[:, axis], 3 * self._gps + 2] = slope
+        levels = rows[self.kind == "elevation"]
+        for axis, slope in enumerate((east / net.radius_m, north / net.radius_m, np.ones_like(up))):
+            whole[levels, 3 * self._levels + axis] = slope[self._levels]
+        self._cloud_part(whole, now, unknowns)
+        lengths = rows[np.isin(self.kind, ("distance", "scale_bar"))]
+        apart = now.points[net.ends[:, 1]] - now.points[net.ends[:, 0]]
+        unit = apart / np.maximum(np.linalg.norm(apart, axis=1), 1e-12)[:, None]
+        for axis in range(3):
+            np.add.at(whole, (lengths, 3 * net.ends[:, 1] + axis), unit[:, axis])
+            np.add.at(whole, (lengths, 3 * net.ends[:, 0] + axis), -unit[:, axis])
+        return whole[:, [*range(first), *(first + k for k in self._free)]]
+
+    def _cloud_part(self, whole: FloatArray, now: State, unknowns: FloatArray) -> None:
+        first = 3 * len(self.network.names)
+        step = np.zeros(7)
+        step[self._free] = unknowns[first:]
+        shrink = math.exp(-now.log_scale)
+        rows = np.flatnonzero(self.kind == "cloud").reshape(-1, 3)
+        back = now.rotation.T * shrink
+        arm = now.points[self._cloud] - now.shift
+        for row, point, y in zip(rows, self._cloud, arm):
+            whole[row, 3 * point : 3 * point + 3] = back
+            whole[row, first : first + 3] = -back
+            whole[row, first + 3 : first + 6] = back @ _cross(y) @ _left_jacobian(step[3:6])
+            whole[row, first + 6] = -back @ y
+
+    def whiten(self, values: FloatArray) -> FloatArray:
+        """Bring rows, (rows,) or (rows, k), to unit variance and no correlation."""
+        columns = values.reshape(len(values), -1)
+        out = columns / self.sigma()[:, None]
+        cloud = self.kind == "cloud"
+        blocks = columns[cloud].reshape(-1, 3, columns.shape[1])
+        out[cloud] = np.matmul(self._white, blocks).reshape(-1, columns.shape[1])
+        return out.reshape(values.shape)
+
+    def loose(self, unknowns: FloatArray) -> Tuple[FloatArray, FloatArray]:
+        """Return values and derivatives of what little is known of everything beforehand."""
+        count = 3 * len(self.network.names)
+        weak = np.array([_SHIFT_M] * 3 + [_ANGLE] * 3 + [_LOG_SCALE])[self._free]
+        spread = np.concatenate([np.full(count, _POINT_M), weak])
+        return unknowns / spread, np.diag(1.0 / spread)
+
+
+def turned(angles: FloatArray) -> FloatArray:
+    """Return the rotation by a vector: its length in radians, about its direction (Rodrigues)."""
+    angle = float(np.linalg.norm(angles))
+    if angle < 1e-12:
+        return np.eye(3) + _cross(angles)
+    axis = _cross(angles / angle)
+    return np.asarray(np.eye(3) + math.sin(angle) * axis + (1.0 - math.cos(angle)) * axis @ axis)
+
+
+def _cross(v: FloatArray) -> FloatArray:
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+def _left_jacobian(angles: FloatArray) -> FloatArray:
+    """Return J with turned(a + d) = turned(J d) turned(a), to first order in d."""
+    angle = float(np.linalg.norm(angles))
+    if angle < 1e-6:
+        return np.eye(3) + 0.5 * _cross(angles)
+    axis = _cross(angles / angle)
+    return np.asarray(
+        np.eye(3)
+        + (1.0 - math.cos(angle)) / angle * axis
+        + (1.0 - math.sin(angle) / angle) * axis @ axis
+    )
