@@ -13,12 +13,19 @@ import tempfile
 import zipfile
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
-from typing import Iterator, List, Optional, Sequence
+from typing import Iterator, List, Optional, Sequence, Tuple
 
 from ..cloud import SUFFIXES, refuse_impostor
 from ..cloud.base import naming
 from ..errors import CloudError
-from .layout import GEOREFERENCING, MODELS, SIDECAR_BYTES, SIDECARS
+from .layout import (
+    CAMERA_BYTES,
+    CAMERA_FILES,
+    GEOREFERENCING,
+    MODELS,
+    SIDECAR_BYTES,
+    SIDECARS,
+)
 
 _GIB = 1 << 30
 _MAX_SIZE = 200 * _GIB
@@ -32,8 +39,10 @@ _AGAIN = "expected the complete all.zip of a task: download it again"
 
 
 @contextmanager
-def unpacked(path: Path) -> Iterator[Path]:
+def unpacked(path: Path, *, cameras: bool = False) -> Iterator[Path]:
     """Unpack the point cloud of an archive; its path is valid within the ``with`` block.
+
+    With `cameras` the files that tell where the photographs were taken come out beside it.
 
     Raises
     ------
@@ -54,6 +63,10 @@ def unpacked(path: Path) -> Iterator[Path]:
             _write(path, archive, chosen, target, chosen.file_size)
             for sidecar in _sidecars(members, chosen):
                 _write(path, archive, sidecar, target.parent / _parts(sidecar)[-1], SIDECAR_BYTES)
+            for name, member in _cameras(members, chosen) if cameras else ():
+                _require_sound(path, member, folder)
+                (folder / name).parent.mkdir(exist_ok=True)
+                _write(path, archive, member, folder / name, CAMERA_BYTES)
         yield target
 
 
@@ -164,6 +177,19 @@ def _sidecars(members: Sequence[zipfile.ZipInfo], chosen: zipfile.ZipInfo) -> Li
         and _parts(member)[-1] in SIDECARS
         and member.file_size <= SIDECAR_BYTES
         and not member.flag_bits & 1
+    ]
+
+
+def _cameras(
+    members: Sequence[zipfile.ZipInfo], chosen: zipfile.ZipInfo
+) -> List[Tuple[str, zipfile.ZipInfo]]:
+    """Find what tells of the photographs, in the same project as the model; oversized is ignored."""
+    root = _parts(chosen)[:-2]
+    found = {"/".join(_parts(m)[len(root) :]): m for m in members if _parts(m)[: len(root)] == root}
+    return [
+        (name, found[name])
+        for name in CAMERA_FILES
+        if name in found and found[name].file_size <= CAMERA_BYTES
     ]
 
 

@@ -20,6 +20,13 @@ SIDECARS = ("coords.txt", "proj.txt", "odm_georeferencing_model_geo.txt")
 """Files beside the model that name its CRS; the last one is coords.txt in old versions."""
 SIDECAR_BYTES = 4096
 
+SHOTS = "odm_report/shots.geojson"
+CAMERAS = "cameras.json"
+CONTROL_POSITIONS = f"{GEOREFERENCING}/ground_control_points.geojson"
+"""Where the photographs were taken, with which cameras, and what became of the GCPs."""
+CAMERA_FILES = (SHOTS, CAMERAS, CONTROL_POSITIONS)
+CAMERA_BYTES = 200 << 20
+
 _FALLBACKS = ("entwine_pointcloud/ept.json", "odm_filterpoints/point_cloud.ply")
 _TILES = (".laz", ".las")
 _DEPTH = 2  # folders between the one given and a project
@@ -120,6 +127,16 @@ def belongs_to_odm(path: Path) -> bool:
     """Whether a single file is ODM's georeferenced model, by its name or its folder."""
     real = path.resolve()
     return path.name in MODELS or GEOREFERENCING in real.parts
+
+
+def project_of(path: Path) -> Optional[Path]:
+    """Return the folder of the ODM project that a cloud's file is in; None where it is in none."""
+    folder = path.resolve().parent
+    inner = (GEOREFERENCING, *(Path(name).parts[0] for name in _FALLBACKS))
+    for parent in (folder.parent if folder.name in inner else folder, folder.parent.parent):
+        if any((parent / name).is_file() for name in CAMERA_FILES):
+            return parent
+    return None
 
 
 def read_sidecar(cloud: Path) -> Optional[Sidecar]:

@@ -14,7 +14,14 @@ from ..cloud.base import naming
 from ..errors import CloudError
 from ..types import Chunk, CloudInfo, Window
 from .archive import unpacked
-from .layout import GEOREFERENCING, Sidecar, belongs_to_odm, find_cloud, read_sidecar
+from .layout import (
+    GEOREFERENCING,
+    Sidecar,
+    belongs_to_odm,
+    find_cloud,
+    project_of,
+    read_sidecar,
+)
 
 __all__ = ["Source", "open_source"]
 
@@ -34,6 +41,8 @@ class Source:
     stem : name of the result when there are no polygons.
     is_odm : whether OpenDroneMap made it.
     inputs : per file its ``path``, ``size`` in bytes and ``mtime`` (ISO 8601, UTC).
+    project : folder of the ODM project that it is in, where there is one; valid as the cloud is.
+    files : the cloud's own files, as they can be opened.
     """
 
     cloud: Cloud
@@ -41,11 +50,15 @@ class Source:
     stem: str
     is_odm: bool
     inputs: Sequence[Mapping[str, Any]]
+    project: Optional[Path] = None
+    files: Sequence[Path] = ()
 
 
 @contextmanager
-def open_source(sources: Sequence[Union[str, Path]]) -> Iterator[Source]:
+def open_source(sources: Sequence[Union[str, Path]], *, cameras: bool = False) -> Iterator[Source]:
     """Open what the user gave: one source, or several tiles of one survey.
+
+    With `cameras`, what an archive says of its photographs is unpacked too.
 
     A source is a point cloud, an ept.json, an ODM project folder, a folder of LAS or LAZ tiles,
     or an all.zip; what is unpacked is removed at the end of the ``with`` block.
@@ -58,7 +71,7 @@ def open_source(sources: Sequence[Union[str, Path]]) -> Iterator[Source]:
     if not sources:
         raise CloudError("no source is given; expected a point cloud, a folder or an all.zip")
     with ExitStack() as stack:
-        located = [_locate(str(source), stack) for source in sources]
+        located = [_locate(str(source), stack, cameras) for source in sources]
         aliases = tuple(alias for item in located for alias in item.aliases)
         with _renaming(aliases):
             cloud = open_cloud([path for item in located for path in item.paths])
@@ -68,6 +81,8 @@ def open_source(sources: Sequence[Union[str, Path]]) -> Iterator[Source]:
             stem=_common_stem([str(source) for source in sources]),
             is_odm=any(item.is_odm for item in located),
             inputs=tuple(entry for item in located for entry in item.inputs),
+            project=project_of(located[0].paths[0]) if len(located) == 1 else None,
+            files=tuple(path for item in located for path in item.paths),
         )
 
 
@@ -86,7 +101,7 @@ class _Located:
     aliases: Aliases = ()
 
 
-def _locate(given: str, stack: ExitStack) -> _Located:
+def _locate(given: str, stack: ExitStack, cameras: bool) -> _Located:
     if _URL.match(given):
         raise CloudError(
             f"{given.split('?')[0]}: is a web address, which is not read; download the all.zip of "
@@ -104,7 +119,7 @@ def _locate(given: str, stack: ExitStack) -> _Located:
         return _Located(found.paths, found.is_odm, inputs, sidecar, found.warnings)
     entry = (_input(given, path),)
     if path.suffix.lower() == ".zip":
-        file = stack.enter_context(unpacked(path))
+        file = stack.enter_context(unpacked(path, cameras=cameras))
         is_odm = file.parent.name.startswith("odm_")
         alias = (str(file.parent.parent if is_odm else file.parent), given)
         return _Located((file,), is_odm, entry, read_sidecar(file), aliases=(alias,))
