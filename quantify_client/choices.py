@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from .errors import UsageError
+from .scaler.fit import MODES
 from .types import Options
 from .volcalc.base import BASES
 from .volcalc.integrate import MAX_SLICES
@@ -26,6 +27,7 @@ def check_options(options: Options) -> Options:
     _check_slices(options)
     _check_base(options)
     _check_object(options)
+    _check_control(options)
     density, sigma = options.density, options.density_sigma
     if density is not None and not 0 < density < math.inf:
         raise UsageError(f"--density is {density}; give tonnes per cubic metre above 0")
@@ -67,6 +69,21 @@ def _check_object(options: Options) -> None:
         raise UsageError("--center-caps goes with --method polar: leave one of them out")
     if options.method == "polar" and (options.hollow or gap is not None or floor != "auto"):
         raise UsageError("--hollow, --max-gap and --floor go with --method section, not polar")
+
+
+def _check_control(options: Options) -> None:
+    frames = ("cloud", "control")
+    if options.scale_mode not in MODES:
+        raise UsageError(f"--scale-mode is {options.scale_mode}; give {', '.join(MODES)}")
+    if options.area_frame not in frames:
+        raise UsageError(f"--area-frame is {options.area_frame}; give {' or '.join(frames)}")
+    if options.gcp is None and (options.scale_mode != "auto" or options.area_frame != "cloud"):
+        raise UsageError("--scale-mode and --area-frame go with --gcp: give a control file")
+    if options.gcp is not None and options.grid:
+        raise UsageError(
+            "--grid goes without --gcp: with control everything is measured on the ground, as the "
+            "tapes are"
+        )
 
 
 def choose_shape(options: Options, *, has_crs: bool, is_odm: bool) -> str:

@@ -50,6 +50,7 @@ def accumulate(
     frame: Frame,
     places: Sequence[Window],
     bounds: Window,
+    anchor: Tuple[float, float],
     threads: int,
     progress: Progress,
 ) -> Streamed:
@@ -57,13 +58,15 @@ def accumulate(
 
     Parameters
     ----------
-    places : what is to be measured, in the frame.
-    bounds : of the whole cloud, in the frame.
+    places : what is to be measured, relative to the anchor.
+    bounds : of the whole cloud, relative to the anchor.
+    anchor : the place in the frame that the accumulator's coordinates count from.
     """
     count = cloud.info.point_count
     windows = plan_windows(places, bounds, count)
-    accumulator = TerrainAccumulator(windows, count, bounds)
-    around = frame.window_to_source(Window.around([window.window() for window in windows]))
+    accumulator = TerrainAccumulator(windows, count, bounds, anchor)
+    needed = Window.around([window.window() for window in windows]).shifted(*anchor)
+    around = frame.window_to_source(needed)
     left_out = stream(cloud, frame, accumulator, around, threads, progress)
     return Streamed(accumulator, left_out)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from .control import convert_control
 from .run import describe, measure
+from .scale import scale
 
-__all__ = ["describe", "measure"]
+__all__ = ["convert_control", "describe", "measure", "scale"]

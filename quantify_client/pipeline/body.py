@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Mapping, Optional, Tuple
 
 import numpy as np
@@ -14,7 +15,15 @@ from ..types import AreaResult, Bounds, FloatArray, Floor, Measurement, Options
 from ..volcalc.body import BodyRecipe, measure_body
 from ..volcalc.solid import SolidRecipe, floor_of, measure_solid
 from ..volcalc.voxels import Thinned, VoxelAccumulator
-from .common import bounds_in_frame, finish, ground_factor, measurement_of, window_of
+from .common import (
+    bounds_in_frame,
+    finish,
+    ground_factor,
+    measurement_of,
+    placed_level,
+    window_of,
+)
+from .drawn import cloud_window
 
 __all__ = ["find_floor", "measure_object"]
 
@@ -30,6 +39,8 @@ def measure_object(source: Source, frame: Frame, options: Options, report: Progr
     bounds = bounds_in_frame(source, frame)
     middle = 0.5 * (bounds.min_z + bounds.max_z)
     factor = ground_factor(source, frame, window_of(bounds), middle, options)
+    level = placed_level(frame, options, options.floor, cloud_window(source, frame))
+    options = replace(options, floor="auto" if level is None else level)
     method = options.method or ("polar" if options.center_caps else "section")
     run = _by_sections if method == "section" else _by_polar
     result, left_out = run(source, frame, bounds, factor or 1.0, options, report)

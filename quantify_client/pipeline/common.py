@@ -3,15 +3,27 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
-from typing import Mapping, Optional, Sequence, Union
+from dataclasses import asdict, replace
+from datetime import datetime
+from importlib import metadata
+from pathlib import Path
+from typing import Any, Mapping, Optional, Sequence, Union
 
-from ..crs import Frame, grid_scale_factor
+from ..crs import Frame, PlacedFrame, grid_scale_factor
 from ..sfm.outputs import Source
 from ..streaming import nothing_usable
 from ..types import AreaFailure, AreaResult, Bounds, Measurement, Options, Window
 
-__all__ = ["Result", "bounds_in_frame", "finish", "ground_factor", "measurement_of", "window_of"]
+__all__ = [
+    "Result",
+    "bounds_in_frame",
+    "finish",
+    "ground_factor",
+    "measurement_of",
+    "placed_level",
+    "provenance",
+    "window_of",
+]
 
 Result = Union[AreaResult, AreaFailure]
 
@@ -32,7 +44,12 @@ def window_of(bounds: Bounds) -> Window:
 def ground_factor(
     source: Source, frame: Frame, site: Window, height: float, options: Options
 ) -> Optional[float]:
-    """Return grid length / ground length at the middle of the site, None when not corrected."""
+    """Return grid length / ground length at the middle of the site, None when not corrected.
+
+    A cloud that control has placed is in ground lengths times the one factor it was placed with.
+    """
+    if isinstance(frame, PlacedFrame):
+        return frame.ground_factor
     if options.grid:
         return None
     return grid_scale_factor(
@@ -42,6 +59,23 @@ def ground_factor(
         height,
         odm=source.is_odm,
     )
+
+
+def placed_level(
+    frame: Frame, options: Options, level: Union[str, float, None], at: Window
+) -> Union[str, float, None]:
+    """Return an elevation given in the cloud's own frame where the cloud has been moved to.
+
+    Parameters
+    ----------
+    at : about where it counts, in the cloud's own frame: a level of a tilted cloud is tilted.
+    """
+    moves = isinstance(frame, PlacedFrame) and options.area_frame == "cloud"
+    if not moves or not isinstance(level, (int, float)):
+        return level
+    row = frame.matrix[2]  # type: ignore[attr-defined]
+    x, y = (at.min_x + at.max_x) / 2, (at.min_y + at.max_y) / 2
+    return float(row[0] * x + row[1] * y + row[2] * level + row[3])
 
 
 def finish(result: AreaResult, left_out: Mapping[str, int], options: Options) -> AreaResult:
@@ -79,3 +113,26 @@ def measurement_of(
         provenance={},
         frame=frame,
     )
+
+
+def provenance(
+    source: Source, options: Options, started: datetime, seconds: float
+) -> Mapping[str, Any]:
+    """Return what a result was made of: version, options, input, when and how long."""
+    plain = replace(options, area=None, gcp=None)
+    given = {k: v for k, v in asdict(plain).items() if v is not None}
+    for name in ("area", "gcp"):
+        value = getattr(options, name)
+        if value is not None:
+            given[name] = str(value) if isinstance(value, (str, Path)) else "given as an object"
+    try:
+        version = metadata.version("quantify-client")
+    except metadata.PackageNotFoundError:
+        version = "unknown"
+    return {
+        "version": version,
+        "options": given,
+        "input": [dict(item) for item in source.inputs],
+        "started": started.isoformat(timespec="seconds"),
+        "seconds": round(seconds, 3),
+    }

@@ -6,16 +6,19 @@ import math
 import time
 from dataclasses import asdict, replace
 from datetime import datetime, timezone
-from importlib import metadata
+from functools import partial
 from pathlib import Path
 from typing import Any, Mapping, Optional, Union
 
 from ..choices import check_options, choose_shape
 from ..crs import measuring_frame
-from ..sfm.outputs import Source, open_source
+from ..sfm.outputs import open_source
 from ..streaming import Progress
 from ..types import Measurement, Options
 from .body import find_floor, measure_object
+from .common import provenance
+from .placing import place_cloud
+from .scale_budget import with_scale
 from .terrain import measure_areas
 
 __all__ = ["describe", "measure"]
@@ -46,14 +49,19 @@ def measure(
     started, clock = datetime.now(timezone.utc), time.perf_counter()
     chosen = check_options(Options(**options))
     report = progress or (lambda stage, share: None)
-    with open_source(list(sources)) as source:
+    with open_source(list(sources), cameras=chosen.gcp is not None) as source:
         info = source.cloud.info
         frame = measuring_frame(info.crs, chosen.source_unit, info.bounds)
+        placement = place_cloud(source, frame, chosen) if chosen.gcp is not None else None
+        frame = placement.frame if placement else frame
         shape = choose_shape(chosen, has_crs=frame.crs is not None, is_odm=source.is_odm)
         run = measure_areas if shape == "terrain" else measure_object
         measurement = run(source, frame, chosen, report)
+        if placement is not None:
+            again = partial(run, source, options=chosen, report=report)
+            measurement = with_scale(measurement, placement, chosen, again)
     seconds = time.perf_counter() - clock
-    return replace(measurement, provenance=_provenance(source, chosen, started, seconds))
+    return replace(measurement, provenance=provenance(source, chosen, started, seconds))
 
 
 def describe(
@@ -92,23 +100,3 @@ def describe(
             "floor": floor and asdict(floor),
             "warnings": [*info.warnings, *frame.warnings],
         }
-
-
-def _provenance(
-    source: Source, options: Options, started: datetime, seconds: float
-) -> Mapping[str, Any]:
-    given = {k: v for k, v in asdict(replace(options, area=None)).items() if v is not None}
-    if options.area is not None:
-        named = isinstance(options.area, (str, Path))
-        given["area"] = str(options.area) if named else "given as an object"
-    try:
-        version = metadata.version("quantify-client")
-    except metadata.PackageNotFoundError:
-        version = "unknown"
-    return {
-        "version": version,
-        "options": given,
-        "input": [dict(item) for item in source.inputs],
-        "started": started.isoformat(timespec="seconds"),
-        "seconds": round(seconds, 3),
-    }

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import List, Optional, Sequence, Tuple, Union
 
-from ..areas import Area, AreaSet, read_areas
+import shapely
+from shapely import affinity
+
+from ..areas import Area, AreaSet
 from ..crs import Frame
 from ..errors import CloudError, QuantifyError
 from ..sfm.outputs import Source
@@ -14,7 +18,16 @@ from ..streaming import Progress, Streamed, accumulate, thread_count
 from ..types import AreaFailure, Measurement, Options, Window
 from ..volcalc.outline import cloud_outline, core_window, typical_height
 from ..volcalc.terrain import Recipe, measure_terrain
-from .common import Result, bounds_in_frame, finish, ground_factor, measurement_of, window_of
+from .common import (
+    Result,
+    bounds_in_frame,
+    finish,
+    ground_factor,
+    measurement_of,
+    placed_level,
+    window_of,
+)
+from .drawn import cloud_window, drawn_areas
 
 __all__ = ["measure_areas"]
 
@@ -27,28 +40,63 @@ _PASSES = 4
 
 def measure_areas(source: Source, frame: Frame, options: Options, report: Progress) -> Measurement:
     """Measure each area, or the whole cloud where none is drawn."""
-    bounds = bounds_in_frame(source, frame)
+    site = window_of(bounds_in_frame(source, frame))
+    # Cells count from the cloud's own corner: where it lies on the Earth changes no volume.
+    anchor = (site.min_x, site.min_y)
+    site = _relative(site, anchor)
     drawn = AreaSet((), ())
     if options.area is not None:
-        drawn = read_areas(options.area, frame, source.cloud.info.bounds)
+        drawn = _shifted(drawn_areas(source, frame, options, report), anchor)
     places = [Window(*area.polygon.bounds) for area in drawn.areas if isinstance(area, Area)]
     failures = [area for area in drawn.areas if isinstance(area, AreaFailure)]
     if failures and not places:
         return measurement_of(source, frame, "terrain", None, failures, drawn.warnings)
-    site, warnings = window_of(bounds), list(drawn.warnings)
-    areas = drawn.areas
+    warnings, areas = list(drawn.warnings), drawn.areas
     if places:
-        streamed = _stream_areas(source, frame, places, site, options, report)
+        streamed = _stream_areas(source, frame, places, site, anchor, options, report)
         site = Window.around(places)
     else:
-        streamed, site = _stream_whole(source, frame, site, options, report)
+        streamed, site = _stream_whole(source, frame, site, anchor, options, report)
         warnings += _strangers(source.cloud.info.point_count, streamed)
     voxels = streamed.accumulator.heights.voxels()
     if not areas:
         areas = [Area(source.stem, cloud_outline(voxels, streamed.accumulator.grid, site))]
-    factor = ground_factor(source, frame, site, typical_height(voxels), options)
-    results = _each(areas, streamed, factor, options, report)
+    place = site.shifted(*anchor)
+    factor = ground_factor(source, frame, place, typical_height(voxels), options)
+    base = placed_level(frame, options, options.base, cloud_window(source, frame))
+    options = replace(options, base=base)
+    results = [_back(r, anchor) for r in _each(areas, streamed, factor, options, report)]
     return measurement_of(source, frame, "terrain", factor, results, warnings)
+
+
+def _relative(window: Window, anchor: Tuple[float, float]) -> Window:
+    return window.shifted(-anchor[0], -anchor[1])
+
+
+def _shifted(drawn: AreaSet, anchor: Tuple[float, float]) -> AreaSet:
+    """Return the areas relative to the anchor."""
+    areas = [
+        replace(area, polygon=affinity.translate(area.polygon, -anchor[0], -anchor[1]))
+        if isinstance(area, Area)
+        else area
+        for area in drawn.areas
+    ]
+    return AreaSet(tuple(areas), drawn.warnings)
+
+
+def _back(result: Result, anchor: Tuple[float, float]) -> Result:
+    """Return what the pictures are drawn from where it lies in the frame."""
+    if isinstance(result, AreaFailure) or result.relief is None:
+        return result
+    relief = result.relief
+    outline = affinity.translate(shapely.from_wkb(relief.polygon_wkb), *anchor)
+    moved = replace(
+        relief,
+        min_x=relief.min_x + anchor[0],
+        min_y=relief.min_y + anchor[1],
+        polygon_wkb=shapely.to_wkb(outline),
+    )
+    return replace(result, relief=moved)
 
 
 def _extent(window: Window) -> float:
@@ -60,6 +108,7 @@ def _stream_areas(
     frame: Frame,
     places: Sequence[Window],
     site: Window,
+    anchor: Tuple[float, float],
     options: Options,
     report: Progress,
 ) -> Streamed:
@@ -69,15 +118,20 @@ def _stream_areas(
     the cells then crowded: the cloud is read again in cells that fit the areas.
     """
     threads = thread_count(options.threads)
-    streamed = accumulate(source.cloud, frame, places, site, threads, report)
+    streamed = accumulate(source.cloud, frame, places, site, anchor, threads, report)
     if streamed.accumulator.crowded:
         site = Window.around(places)
-        streamed = accumulate(source.cloud, frame, places, site, threads, report)
+        streamed = accumulate(source.cloud, frame, places, site, anchor, threads, report)
     return streamed
 
 
 def _stream_whole(
-    source: Source, frame: Frame, site: Window, options: Options, report: Progress
+    source: Source,
+    frame: Frame,
+    site: Window,
+    anchor: Tuple[float, float],
+    options: Options,
+    report: Progress,
 ) -> Tuple[Streamed, Window]:
     """Return the points in their cells, and the box of the cloud without far strays.
 
@@ -86,7 +140,7 @@ def _stream_whole(
     """
     threads = thread_count(options.threads)
     for _ in range(_PASSES):
-        streamed = accumulate(source.cloud, frame, [site], site, threads, report)
+        streamed = accumulate(source.cloud, frame, [site], site, anchor, threads, report)
         if not streamed.accumulator.located:
             raise CloudError(
                 "no point of the cloud lies within the bounds that its header gives; expected all "

@@ -23,8 +23,11 @@ __all__ = ["Adjustment", "adjust"]
 #: Residuals beyond this many sigmas stop pulling in proportion.
 _ROBUST = 2.0
 
-#: Share of good observations that a test calls bad.
-_LEVEL = 1e-3
+#: Share of good surveys of which a test calls an observation bad, all observations together ...
+_LEVEL = 0.01
+
+#: ... and share of good kinds of observations that are called less accurate than said.
+_LEVEL_OF_KINDS = 1e-3
 
 #: Of one kind at most this share is called bad; beyond that the kind is less accurate than said.
 _MOST_BAD = 0.25
@@ -37,8 +40,8 @@ _SAME = 0.02
 
 _ROUNDS = 60
 
-#: Most evaluations: a robust fit only has to come near, where the last one begins.
-_STEPS = {"soft_l1": 40, "linear": 200}
+#: Most evaluations: to tell which start is the best, to come near robustly, and at last.
+_GLANCE, _LOOK, _STEPS = 8, 30, 200
 
 
 @dataclass(frozen=True)
@@ -82,7 +85,7 @@ class Adjustment:
         return float(np.sqrt(abs(np.linalg.inv(normal)[column, column])))
 
     def carries(self) -> FloatArray:
-        """(rows,) share of what is known of the scale that each row alone brings; NaN if left out."""
+        """(rows,) share of what is known of the scale that goes with each row; NaN if left out."""
         column = self.model.scale_column
         variance = self.covariance[column, column]
         gain = (self._rows @ self.covariance[:, column]) ** 2
@@ -99,15 +102,18 @@ def adjust(network: Network, freedom: Freedom, starts: Sequence[State]) -> Adjus
     starts : approximate values; a wrong tilt or sign of height differences leads to a minimum of
         its own, so each plausible one is tried.
     """
-    tried = [_robust(Model(network, freedom, start)) for start in starts]
-    state = min(tried, key=lambda found: found[1])[0]
+    states = list(starts)
+    if len(states) > 1:
+        tried = [_robust(Model(network, freedom, start), _GLANCE) for start in states]
+        states = [min(tried, key=lambda found: found[1])[0]]
+    state, _ = _robust(Model(network, freedom, states[0]), _LOOK)
     return _Judge(Model(network, freedom, state)).run()
 
 
-def _robust(model: Model) -> Tuple[State, float]:
+def _robust(model: Model, steps: int) -> Tuple[State, float]:
     """Return the state that few gross errors do not move, and its cost."""
     used = _without_checks(model)
-    found = _minimise(model, used, {}, loss="soft_l1", tolerance=1e-6)
+    found = _minimise(model, used, {}, loss="soft_l1", tolerance=1e-6, steps=steps)
     return model.state(found[0]), found[1]
 
 
@@ -124,6 +130,7 @@ def _minimise(
     raised: Mapping[str, float],
     loss: str,
     tolerance: float,
+    steps: int,
 ) -> Tuple[FloatArray, float]:
     less = _lessening(model, raised)
 
@@ -146,7 +153,7 @@ def _minimise(
         xtol=tolerance,
         ftol=tolerance,
         gtol=None,
-        max_nfev=_STEPS[loss],
+        max_nfev=steps,
     )
     return found.x, float(found.cost)
 
@@ -175,7 +182,7 @@ class _Judge:
 
     def _adjusted(self) -> Adjustment:
         unknowns, _ = _minimise(
-            self._model, self._used(), self._raised, loss="linear", tolerance=1e-12
+            self._model, self._used(), self._raised, loss="linear", tolerance=1e-12, steps=_STEPS
         )
         self._model = self._model.again(self._model.state(unknowns))
         return self._solve(self._model)
@@ -241,8 +248,33 @@ class _Judge:
             return False
         if len(order) > 1 and excess[order[1]] > (1.0 - _SAME) * excess[worst]:
             return False
-        self._out.add(worst)
+        self._out |= self._lengths_instead(worst, found) or {worst}
         return True
+
+    def _lengths_instead(self, group: int, found: Adjustment) -> Set[int]:
+        """Return lengths that explain it all as well as a position of more numbers would.
+
+        Two wrong tapes that end at one point look like one point that is wrong: what leaves out
+        fewer numbers is believed.
+        """
+        most = int((self._model.group == group).sum()) - 1
+        kept, tried = set(self._out), set()
+        while len(tried) < most and found.excess[group] > 1.0:
+            lengths = np.isin(self._model.kind, ("distance", "scale_bar")) & found.active
+            ends = self._model.network.ends[self._model.index[lengths]]
+            touching = (ends == self._model.index[self._model.group == group][0]).any(axis=1)
+            near = self._model.group[lengths][touching]
+            if not len(near):
+                break
+            worst = int(near[int(np.argmax(found.excess[near]))])
+            if found.excess[worst] <= 1.0 or not self._may_leave(worst, sorted(self._out)):
+                break
+            tried.add(worst)
+            self._out.add(worst)
+            found = self._adjusted()
+        explained = bool(tried) and found.excess[group] <= 1.0
+        self._out = kept
+        return tried if explained else set()
 
     def _raise(self, found: Adjustment) -> bool:
         """Raise the sigmas of the kind whose residuals are least what they should be."""
@@ -252,7 +284,7 @@ class _Judge:
             rows = (model.kind == kind) & found.active
             freedom = float(np.nansum(found.redundancy[rows]))
             total = float(white[rows] @ white[rows])
-            if freedom >= 1.0 and total > chi2.ppf(1.0 - _LEVEL, freedom):
+            if freedom >= 1.0 and total > chi2.ppf(1.0 - _LEVEL_OF_KINDS, freedom):
                 ratio = float(np.sqrt(total / freedom))
                 if ratio > factor:
                     worst, factor = str(kind), ratio
@@ -292,5 +324,5 @@ def _statistics(
         if told.any():
             along = vectors.T @ white[mine]
             statistic[number] = float((along[told] ** 2 / values[told]).sum())
-            excess[number] = statistic[number] / chi2.ppf(1.0 - _LEVEL, int(told.sum()))
+            excess[number] = statistic[number] / chi2.ppf(1.0 - _LEVEL / count, int(told.sum()))
     return statistic, excess

@@ -15,7 +15,7 @@ from .network import Freedom, Network
 from .similarity import FLAT, Similarity, spread
 from .start import starts
 
-__all__ = ["MODES", "Fit", "fit", "solve_elevations"]
+__all__ = ["MODES", "Fit", "fit"]
 
 MODES = ("auto", "scale", "shift", "full")
 
@@ -97,29 +97,6 @@ def fit(network: Network, mode: str, georeferenced: bool) -> Fit:
     if chosen == "scale" and mode == "auto" and reason and placed:
         notes.append(f"only the scale is applied, the cloud stays where it is: {reason}")
     return _applied(found, chosen, freedom, tilt, notes)
-
-
-def solve_elevations(network: Network) -> Adjustment:
-    """Adjust a network that no cloud belongs to yet: positions, elevations and tapes alone.
-
-    Without any elevation the first point is the reference: its own is 0.
-
-    Raises
-    ------
-    ControlError
-        There is no length to solve anything with.
-    """
-    if not len(network.spans()):
-        raise ControlError(
-            "there are positions only, and no taped distances: elevations cannot be solved; tape "
-            "slope distances between the points, or give their elevations"
-        )
-    if not network.levelled.any():
-        elevation, sigma = network.elevation.copy(), network.elevation_sigma.copy()
-        elevation[0], sigma[0] = 0.0, 1e-4
-        network = replace(network, elevation=elevation, elevation_sigma=sigma)
-    freedom = Freedom(0, shift_xy=False, shift_z=False, scale=False)
-    return adjust(network, freedom, starts(network, freedom))
 
 
 def _require_apart(network: Network) -> None:

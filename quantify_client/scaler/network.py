@@ -258,15 +258,17 @@ class Model:
         first = 3 * len(self.network.names)
         step = np.zeros(7)
         step[self._free] = unknowns[first:]
-        shrink = math.exp(-now.log_scale)
         rows = np.flatnonzero(self.kind == "cloud").reshape(-1, 3)
-        back = now.rotation.T * shrink
+        back = now.rotation.T * math.exp(-now.log_scale)
         arm = now.points[self._cloud] - now.shift
-        for row, point, y in zip(rows, self._cloud, arm):
-            whole[row, 3 * point : 3 * point + 3] = back
-            whole[row, first : first + 3] = -back
-            whole[row, first + 3 : first + 6] = back @ _cross(y) @ _left_jacobian(step[3:6])
-            whole[row, first + 6] = -back @ y
+        for axis in range(3):
+            whole[rows, (3 * self._cloud + axis)[:, None]] = back[:, axis]
+            whole[rows, first + axis] = -back[:, axis]
+        swing = _left_jacobian(step[3:6])
+        # The columns of cross(y) @ swing are y x (each column of swing).
+        for axis in range(3):
+            whole[rows, first + 3 + axis] = np.cross(arm, swing[:, axis]) @ back.T
+        whole[rows, first + 6] = -arm @ back.T
 
     def whiten(self, values: FloatArray) -> FloatArray:
         """Bring rows, (rows,) or (rows, k), to unit variance and no correlation."""

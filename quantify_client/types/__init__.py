@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from .arrays import FloatArray, IntArray
 from .cloud import Bounds, Chunk, CloudInfo, Window
+from .control import ControlAccount
 from .options import Options
 from .results import (
     AreaFailure,
@@ -21,7 +22,7 @@ from .results import (
     Slice,
     Solid,
 )
-from .scaling import ControlledPoint, DirectHeight, ScaleObservation, Scaling
+from .scaling import ControlledPoint, DirectHeight, Matrix4, Scaled, ScaleObservation, Scaling
 
 __all__ = [
     "AreaFailure",
@@ -31,16 +32,19 @@ __all__ = [
     "Check",
     "Chunk",
     "CloudInfo",
+    "ControlAccount",
     "ControlledPoint",
     "DirectHeight",
     "FloatArray",
     "Floor",
     "Gap",
     "IntArray",
+    "Matrix4",
     "Measurement",
     "Options",
     "Relief",
     "ScaleObservation",
+    "Scaled",
     "Scaling",
     "Slice",
     "Solid",

@@ -36,6 +36,10 @@ class Window:
     max_x: float
     max_y: float
 
+    def shifted(self, x: float, y: float) -> Window:
+        """Return the window moved by x and y."""
+        return Window(self.min_x + x, self.min_y + y, self.max_x + x, self.max_y + y)
+
     @classmethod
     def around(cls, windows: Sequence[Window]) -> Window:
         """Return the smallest window that holds all of these; there must be one."""

@@ -17,7 +17,7 @@ class Options:
     ``slices`` is ``"auto"`` or a positive number; ``base`` one of the names in
     :mod:`quantify_client.volcalc.base`, ``"compare"`` or an elevation in metres; ``floor`` is
     ``"auto"``, ``"none"``, ``"plane"`` or an elevation in metres; ``max_gap`` is in metres;
-    ``density`` is in t/m3.
+    ``density`` is in t/m3. ``gcp`` is a control file; ``area_frame`` and ``scale_mode`` go with it.
     """
 
     area: Optional[Any] = None
@@ -31,6 +31,9 @@ class Options:
     max_gap: Optional[float] = None
     floor: Union[str, float] = "auto"
     grid: bool = False
+    gcp: Optional[Any] = None
+    area_frame: str = "cloud"
+    scale_mode: str = "auto"
     source_unit: Optional[str] = None
     density: Optional[float] = None
     density_sigma: float = 0.0

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Optional, Sequence, Tuple
+from typing import Any, Mapping, Optional, Sequence, Tuple
 
-__all__ = ["ControlledPoint", "DirectHeight", "Matrix4", "ScaleObservation", "Scaling"]
+__all__ = ["ControlledPoint", "DirectHeight", "Matrix4", "ScaleObservation", "Scaled", "Scaling"]
 
 Matrix4 = Tuple[Tuple[float, ...], ...]
 
@@ -125,3 +125,20 @@ class Scaling:
     conflict: str
     tilt_std_deg: Optional[float]
     warnings: Sequence[str]
+
+
+@dataclass(frozen=True)
+class Scaled:
+    """A cloud that was scaled: the result of :func:`quantify_client.scale`.
+
+    Attributes
+    ----------
+    out : the file that was written; None when none was asked for.
+    warnings : concerning the cloud; :attr:`Scaling.warnings` concern the control.
+    """
+
+    source: str
+    scaling: Scaling
+    out: Optional[str]
+    warnings: Sequence[str]
+    provenance: Mapping[str, Any]

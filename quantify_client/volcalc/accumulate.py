@@ -84,6 +84,7 @@ class TerrainAccumulator:
     windows : from `plan_windows`.
     point_count : of the whole cloud, None when unknown.
     cloud : the whole cloud's box; with it the check knows how many points lie in the windows.
+    anchor : what x and y count from here: windows and box are relative to it.
     """
 
     def __init__(
@@ -91,7 +92,9 @@ class TerrainAccumulator:
         windows: Sequence[CellWindow],
         point_count: int | None,
         cloud: Window | None = None,
+        anchor: tuple[float, float] = (0.0, 0.0),
     ) -> None:
+        self._anchor = anchor
         self.grid = Grid.over(windows)
         self.heights = HeightHistogram(self.grid)
         self.sample = PointSample(self.grid, windows, _expected(windows, point_count, cloud))
@@ -104,7 +107,7 @@ class TerrainAccumulator:
         # A few points at a time, all of whose arrays stay in the processor's cache.
         for start in range(0, len(x), _AT_ONCE):
             some = slice(start, start + _AT_ONCE)
-            xs, ys, zs = x[some], y[some], z[some]
+            xs, ys, zs = x[some] - self._anchor[0], y[some] - self._anchor[1], z[some]
             number, kept = self.grid.locate(xs, ys)
             if kept is not None:
                 xs, ys, zs = xs[kept], ys[kept], zs[kept]

@@ -1,0 +1,206 @@
+"""A control file by itself: what it can give, and its way into OpenDroneMap."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Dict, List, Optional, Tuple, Union
+
+import numpy as np
+
+from ..crs import LocalFrame
+from ..errors import ControlError
+from ..scaler.control import read_control
+from ..scaler.elevations import Elevations, solve_elevations
+from ..scaler.gcp_list import write_gcp_list
+from ..scaler.network import Network
+from ..scaler.nouns import Control
+from ..scaler.survey import CloudPlace, build_network
+from ..types import ControlAccount, ControlledPoint, DirectHeight
+from .site import free_site, height_notes
+
+__all__ = ["convert_control"]
+
+#: An elevation known no better than this is told: OpenDroneMap takes every one as exact.
+_POOR_M = 0.5
+
+
+def convert_control(
+    gcp: Union[str, Path], *, to: Optional[str] = None, out: Optional[Union[str, Path]] = None
+) -> ControlAccount:
+    """Say what a control file can give; with ``to="odm"`` solve its elevations and write them.
+
+    Parameters
+    ----------
+    out : the gcp_list.txt to write; it appears complete or not at all.
+
+    Raises
+    ------
+    ControlError
+        The file cannot be read, or its elevations cannot be solved.
+    """
+    control = read_control(str(gcp))
+    places = {name: _own_place(control, name) for name in control.cloud}
+    site = free_site(control, places)
+    network, notes = build_network(control, site.local, site.level, places)
+    warnings = [*control.warnings, *height_notes(control, site), *notes]
+    solved: List[ControlledPoint] = []
+    direct: Tuple[DirectHeight, ...] = ()
+    left_out: List[str] = []
+    if to == "odm":
+        try:
+            found = solve_elevations(network)
+            local, crs = _placed(control, site.local)
+            solved = _points(network, found, local, site.level)
+            direct = tuple(found.direct)
+            warnings += [*found.notes, *_remarks(control, found, solved)]
+            target = Path("gcp_list.txt") if out is None else Path(out)
+            left_out = _write(control, solved, local, crs, target)
+        except ControlError as error:
+            raise ControlError(f"{control.label}: {error}") from error
+    can, cannot = _judged(control, network)
+    return ControlAccount(
+        source=control.label,
+        crs=control.crs,
+        points=len(network.names),
+        placed=int(network.placed.sum()),
+        levelled=int(network.levelled.sum()),
+        distances=int((~network.bar).sum()),
+        scale_bars=int(network.bar.sum()),
+        checks=int(network.check.sum()),
+        in_cloud=len(control.cloud),
+        picks=len(control.picks),
+        picked=len({pick.name for pick in control.picks}),
+        gps_scale_std=_gps_scale_std(network),
+        can=can,
+        cannot=cannot,
+        solved=tuple(solved),
+        direct=direct,
+        out=None if to is None else str(target),
+        left_out=tuple(left_out),
+        warnings=tuple(warnings),
+    )
+
+
+def _own_place(control: Control, name: str) -> CloudPlace:
+    place = control.cloud[name]
+    accuracy = 0.05 if place.accuracy is None else place.accuracy
+    return CloudPlace(np.array(place.xyz), accuracy**2 * np.eye(3))
+
+
+def _placed(control: Control, local: Optional[LocalFrame]) -> Tuple[LocalFrame, str]:
+    if local is None or control.crs is None:
+        raise ControlError(
+            "no point has a position, and OpenDroneMap needs one of each; give lat and lon, or "
+            "easting and northing"
+        )
+    return local, control.crs
+
+
+def _points(
+    network: Network, found: Elevations, local: LocalFrame, level: float
+) -> List[ControlledPoint]:
+    lon, lat = local.to_wgs84(np.nan_to_num(found.points))
+    out = []
+    for i, name in enumerate(network.names):
+        east, north, up = (float(value) for value in found.points[i])
+        if not (math.isfinite(up) and network.placed[i]):
+            continue
+        std = (float(found.std[i, 0]), float(found.std[i, 1]), float(found.std[i, 2]))
+        miss = found.points[i, :2] - network.horizontal[i]
+        bulge = (east**2 + north**2) / (2.0 * local.radius_m)
+        out.append(
+            ControlledPoint(
+                name=name,
+                east=east,
+                north=north,
+                up=up,
+                std=std,
+                gps_residual=(float(miss[0]), float(miss[1])),
+                cloud_residual=None,
+                lon=float(lon[i]),
+                lat=float(lat[i]),
+                elevation_m=up + bulge + level,
+            )
+        )
+    return out
+
+
+def _remarks(control: Control, found: Elevations, solved: List[ControlledPoint]) -> List[str]:
+    out = []
+    if found.reference:
+        level = 0.0 if control.height_m is None else control.height_m
+        told = "the site's height" if control.height_m is not None else "no 'height' is given"
+        out.append(
+            f"elevations are relative: that of {found.reference} is taken as {level:g} m ({told})"
+        )
+    poor = [p for p in solved if p.std[2] > _POOR_M]
+    if poor:
+        names = ", ".join(f"{p.name} ({p.std[2]:.1f} m)" for p in poor[:6])
+        out.append(
+            f"{len(poor)} of {len(solved)} elevations are known to worse than {_POOR_M} m, and "
+            f"OpenDroneMap takes every one as exact: {names}; scaling the cloud afterwards "
+            "(quantify-client scale) weighs each as it deserves"
+        )
+    return out
+
+
+def _write(
+    control: Control, solved: List[ControlledPoint], local: LocalFrame, crs: str, target: Path
+) -> List[str]:
+    enu = np.array([[p.east, p.north, p.up] for p in solved]).reshape(-1, 3)
+    xy = local.to_grid(enu, crs)
+    coordinates: Dict[str, Tuple[float, float, float]] = {
+        p.name: (float(x), float(y), float(p.elevation_m or 0.0)) for p, (x, y) in zip(solved, xy)
+    }
+    if not control.picks:
+        raise ControlError(
+            "there are no picks in photographs, and OpenDroneMap needs two or more of each point; "
+            "name a list of them with 'images:'"
+        )
+    left_out = list(write_gcp_list(target, crs, coordinates, control.picks))
+    missing = [name for name in control.points if name not in coordinates]
+    return list(dict.fromkeys([*left_out, *missing]))
+
+
+def _gps_scale_std(network: Network) -> Optional[float]:
+    """Return how well positions alone fix a scale: sigma against the points' spread."""
+    placed = network.horizontal[network.placed]
+    if len(placed) < 2:
+        return None
+    weight = 1.0 / network.horizontal_sigma[network.placed] ** 2
+    middle = (placed * weight[:, None]).sum(axis=0) / weight.sum()
+    moment = float((weight[:, None] * (placed - middle) ** 2).sum())
+    return None if moment <= 0.0 else 1.0 / math.sqrt(moment)
+
+
+def _judged(control: Control, network: Network) -> Tuple[List[str], List[str]]:
+    """Say in words what the control can give, and what it cannot."""
+    can, cannot = [], []
+    reached = bool(control.cloud or control.picks)
+    lengths, unknown = len(network.spans()), int((network.placed & ~network.levelled).sum())
+    std = _gps_scale_std(network)
+    if lengths and reached:
+        can.append(f"the scale of a cloud, from {lengths} measured lengths")
+    elif std is not None and reached:
+        can.append(
+            f"the scale of a cloud, from positions alone: to {100 * std:.2g} %, so a volume to "
+            f"{300 * std:.2g} %"
+        )
+    if not reached:
+        cannot.append(
+            "the scale of a cloud: no point has a place in one ('cloud:') or picks in photographs "
+            "('images:')"
+        )
+    if not lengths:
+        cannot.append("a scale better than the positions: tape a distance, or lay out a scale bar")
+    if unknown and lengths:
+        can.append(f"elevations of up to {unknown} points, from slope distances (--to odm)")
+    elif unknown:
+        cannot.append(
+            f"elevations: {unknown} are unknown and no slope distance is taped; OpenDroneMap would "
+            "read 0 as a height"
+        )
+    if network.placed.any() and not unknown and control.picks:
+        can.append("a gcp_list.txt for OpenDroneMap (--to odm)")
+    return can, cannot

@@ -1,0 +1,105 @@
+"""scale(): a cloud made true to size by its control, and written so."""
+
+from __future__ import annotations
+
+import time
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Optional, Tuple, Union
+
+from ..choices import check_options
+from ..cloud.rewrite import require_rewritable, rewrite_cloud
+from ..crs import PlacedFrame, measuring_frame
+from ..sfm.outputs import Source, open_source
+from ..streaming import Progress
+from ..types import Bounds, FloatArray, Options, Scaled
+from .common import provenance
+from .placing import Placement, place_cloud
+
+__all__ = ["scale"]
+
+
+def scale(
+    *sources: Union[str, Path],
+    gcp: Union[str, Path],
+    out: Optional[Union[str, Path]] = None,
+    scale_mode: str = "auto",
+    source_unit: Optional[str] = None,
+    progress: Optional[Progress] = None,
+) -> Scaled:
+    """Find the transform that makes a cloud true to size, and write the cloud through it.
+
+    Parameters
+    ----------
+    *sources : as for :func:`measure`.
+    gcp : control file.
+    out : .laz or .las; None to only say what the transform is. The sources are never touched.
+    scale_mode : ``"auto"``, ``"scale"``, ``"shift"`` or ``"full"``.
+    progress : called with the stage and the share done, from 0 to 1.
+
+    Raises
+    ------
+    QuantifyError
+        One line that says what was found, what was expected and what to do.
+    """
+    started, clock = datetime.now(timezone.utc), time.perf_counter()
+    options = check_options(Options(gcp=gcp, scale_mode=scale_mode, source_unit=source_unit))
+    report = progress or (lambda stage, share: None)
+    with open_source(list(sources), cameras=True) as source:
+        info = source.cloud.info
+        frame = measuring_frame(info.crs, source_unit, info.bounds)
+        if out is not None:
+            require_rewritable(source.files, Path(out))
+        placement = place_cloud(source, frame, options)
+        warnings = [*info.warnings, *placement.frame.warnings]
+        if out is not None:
+            warnings += _write(source, placement, Path(out), report)
+    seconds = time.perf_counter() - clock
+    return Scaled(
+        source=source.label,
+        scaling=placement.scaling,
+        out=None if out is None else str(out),
+        warnings=tuple(warnings),
+        provenance=provenance(source, options, started, seconds),
+    )
+
+
+def _write(source: Source, placement: Placement, out: Path, report: Progress) -> Tuple[str, ...]:
+    frame, info = placement.frame, source.cloud.info
+
+    def move(
+        x: FloatArray, y: FloatArray, z: FloatArray
+    ) -> Tuple[FloatArray, FloatArray, FloatArray]:
+        x, y, z = frame.to_frame(x, y, z)
+        return x / frame.unit_m, y / frame.unit_m, z / frame.z_unit_m
+
+    written = rewrite_cloud(
+        source.files,
+        out,
+        move,
+        _in_own_units(frame, placement.bounds),
+        _crs(frame, info.crs),
+        report,
+    )
+    return tuple(written.warnings)
+
+
+def _in_own_units(frame: PlacedFrame, bounds: Bounds) -> Bounds:
+    box = frame.bounds_to_frame(bounds)
+    low_z, high_z = sorted((box.min_z / frame.z_unit_m, box.max_z / frame.z_unit_m))
+    x, y = (
+        (box.min_x / frame.unit_m, box.max_x / frame.unit_m),
+        (
+            box.min_y / frame.unit_m,
+            box.max_y / frame.unit_m,
+        ),
+    )
+    return Bounds(x[0], y[0], low_z, x[1], y[1], high_z)
+
+
+def _crs(frame: PlacedFrame, own: Optional[str]) -> Optional[str]:
+    """Return the cloud's own CRS, heights included, where it keeps it."""
+    if frame.crs is None:
+        return None
+    keeps = frame.crs == frame.base.crs and frame.base.geographic_crs is None
+    return own if keeps else frame.grid
