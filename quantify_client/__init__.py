@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .errors import QuantifyError
-    from .pipeline import describe, measure
+    from .pipeline import convert_control, describe, measure, scale
     from .report import to_json, write_report
     from .types import AreaFailure, AreaResult, Measurement, Options
 
@@ -17,8 +17,10 @@ __all__ = [
     "Measurement",
     "Options",
     "QuantifyError",
+    "convert_control",
     "describe",
     "measure",
+    "scale",
     "to_json",
     "write_report",
 ]

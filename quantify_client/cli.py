@@ -4,23 +4,33 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import os
 import sys
 import traceback
 from contextlib import contextmanager
 from importlib import resources
 from pathlib import Path
-from typing import Any, Callable, Iterator, Optional, Sequence, Tuple, Union
+from typing import Any, Callable, Iterator, Mapping, Optional, Sequence
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from .arguments import SOURCE, VOLUME, add_gcp, add_measuring, add_output, add_scale
 from .errors import QuantifyError, UsageError
-from .pipeline import describe, measure
-from .report import print_table, require_writable, to_json, write_report
+from .pipeline import convert_control, describe, measure, scale
+from .report import (
+    control_document,
+    print_control,
+    print_scaling,
+    print_table,
+    require_writable,
+    scale_document,
+    to_json,
+    write_report,
+    write_scale_report,
+)
 from .report.words import printable
-from .types import AreaFailure, Measurement
+from .types import AreaFailure, Measurement, Scaled
 
 __all__ = ["main"]
 
@@ -72,118 +82,27 @@ def _parser() -> argparse.ArgumentParser:
         description="Volumes with an honest error from OpenDroneMap outputs and point clouds.",
     )
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    volume = commands.add_parser("volume", help="measure volumes", description=_VOLUME)
-    volume.add_argument("sources", nargs="+", metavar="SOURCE", help=_SOURCE)
-    _add_measuring(volume)
-    _add_output(volume)
+    volume = commands.add_parser("volume", help="measure volumes", description=VOLUME)
+    volume.add_argument("sources", nargs="+", metavar="SOURCE", help=SOURCE)
+    add_measuring(volume)
+    add_output(volume)
     volume.set_defaults(run=_volume)
     info = commands.add_parser("info", help="say what a source holds")
-    info.add_argument("sources", nargs="+", metavar="SOURCE", help=_SOURCE)
+    info.add_argument("sources", nargs="+", metavar="SOURCE", help=SOURCE)
     info.add_argument("--source-unit", choices=("m", "ft", "us-ft"))
     info.add_argument("--json", action="store_true", help="one JSON document on stdout")
     info.set_defaults(run=_info)
+    scale_it = commands.add_parser("scale", help="true size from taped distances and control")
+    scale_it.add_argument("sources", nargs="+", metavar="SOURCE", help=SOURCE)
+    add_scale(scale_it)
+    scale_it.set_defaults(run=_scale)
+    gcp = commands.add_parser("gcp", help="say what control can give; write ODM's gcp_list.txt")
+    add_gcp(gcp)
+    gcp.set_defaults(run=_gcp)
     demo = commands.add_parser("demo", help="measure the bundled example")
-    _add_output(demo)
+    add_output(demo)
     demo.set_defaults(run=_demo)
     return parser
-
-
-_VOLUME = (
-    "Measures cut, fill and net of terrain above a base, or (--shape object) the volume of a body "
-    "whose surface the cloud covers. Options of lengths are in metres."
-)
-_SOURCE = (
-    ".laz .las .copc.laz .ply .csv .xyz .txt, an ept.json, an ODM project folder, an all.zip, or "
-    "several tiles of one survey"
-)
-
-
-def _add_measuring(parser: argparse.ArgumentParser) -> None:
-    add = parser.add_argument
-    add("--area", metavar="FILE", help="polygons (GeoJSON); one result for each")
-    add("--shape", choices=("auto", "object", "terrain"), default="auto")
-    add(
-        "--method",
-        choices=("section", "polar"),
-        help="object: sections of any body (default), or the paper's slices",
-    )
-    add("--slices", type=_slices, default="auto", metavar="auto|N", help="number of slices")
-    add("--slice-height", type=_length, metavar="LENGTH", help="height of the slices")
-    add(
-        "--base",
-        type=_base,
-        metavar="triangulate|plane|average|lowest|highest|ELEVATION|compare",
-        help="terrain: the surface that volumes are measured from (default triangulate)",
-    )
-    add("--hollow", action="store_true", help="object: what would hold water is void, not solid")
-    add(
-        "--max-gap",
-        type=_length,
-        metavar="LENGTH",
-        help="object: widest opening in the surface to be closed (default: found from the cloud)",
-    )
-    add(
-        "--floor",
-        type=_base,
-        default="auto",
-        metavar="auto|none|plane|Z",
-        help="object: what it stands on; the ground is left out and the body closed there",
-    )
-    add("--center-caps", action="store_true", help="polar: end slabs centred on the end points")
-    add("--grid", action="store_true", help="no grid-to-ground correction")
-    add("--source-unit", choices=("m", "ft", "us-ft"), help="for a cloud that does not say")
-    add("--density", type=_density, metavar="T_PER_M3[:SIGMA]", help="adds tonnes")
-    add(
-        "--threads", type=_threads, default=0, metavar="N", help="default: the processor's, up to 4"
-    )
-
-
-def _add_output(parser: argparse.ArgumentParser) -> None:
-    add = parser.add_argument
-    add("--out", type=Path, metavar="DIR", help="report, slices, polygons and pictures go here")
-    add("--json", action="store_true", help="one JSON document on stdout")
-    add("--units", choices=("metric", "us"), default="metric", help="of what people read")
-
-
-def _slices(text: str) -> Union[str, int]:
-    return text if text == "auto" else _checked(int, text, "auto or a whole number")
-
-
-def _base(text: str) -> Union[str, float]:
-    try:
-        value = float(text)
-    except ValueError:
-        return text
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"{text!r} is no elevation")
-    return value
-
-
-def _length(text: str) -> float:
-    value: float = _checked(float, text, "a length in metres")
-    return value
-
-
-def _threads(text: str) -> int:
-    value: int = _checked(int, text, "a whole number from 1")
-    if not 1 <= value <= 256:
-        raise argparse.ArgumentTypeError(f"{text!r} is not from 1 to 256")
-    return value
-
-
-def _density(text: str) -> Tuple[float, float]:
-    value, _, sigma = text.partition(":")
-    spread: float = _checked(float, sigma or "0", "T_PER_M3[:SIGMA]")
-    if not 0 <= spread < math.inf:
-        raise argparse.ArgumentTypeError(f"sigma {sigma!r} is not 0 or more")
-    return _checked(float, value, "T_PER_M3[:SIGMA]"), spread
-
-
-def _checked(kind: Callable[[str], Any], text: str, expected: str) -> Any:
-    try:
-        return kind(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not {expected}") from None
 
 
 def _volume(given: argparse.Namespace) -> int:
@@ -203,6 +122,9 @@ def _volume(given: argparse.Namespace) -> int:
             hollow=given.hollow,
             max_gap=given.max_gap,
             floor=given.floor,
+            gcp=given.gcp,
+            scale_mode=given.scale_mode,
+            area_frame=given.area_frame,
             grid=given.grid,
             source_unit=given.source_unit,
             density=density,
@@ -229,6 +151,8 @@ def _deliver(measurement: Measurement, given: argparse.Namespace) -> int:
     if given.json:
         print(json.dumps(to_json(measurement), indent=2, allow_nan=False))
     else:
+        if measurement.scale is not None:
+            print_scaling(measurement.scale, Console(), units=given.units)
         print_table(measurement, Console(), units=given.units)
         for path in written:
             if path.name == "report.html":
@@ -261,6 +185,58 @@ def _brief(value: object) -> str:
     if isinstance(value, tuple):
         return " ".join(_brief(part) for part in value)
     return f"{value:.3f}" if isinstance(value, float) else str(value)
+
+
+def _scale(given: argparse.Namespace) -> int:
+    page = None if given.out is None else given.out.with_name(f"{_stem(given.out)}-report.html")
+    with _progress() as progress:
+        scaled = scale(
+            *given.sources,
+            gcp=given.gcp,
+            out=given.out,
+            scale_mode=given.scale_mode,
+            source_unit=given.source_unit,
+            progress=progress,
+        )
+        if page is not None:
+            progress("drawing", 0.0)
+            _write_page(scaled, page, given.units)
+            progress("drawing", 1.0)
+    if given.json:
+        print(json.dumps(_scale_json(scaled), indent=2, allow_nan=False))
+        return 0
+    print_scaling(scaled.scaling, Console(), units=given.units)
+    for warning in scaled.warnings:
+        print(f"Warning: {printable(warning)}")
+    if scaled.out is not None:
+        print(f"Cloud: {printable(scaled.out)}")
+        print(f"Report: {printable(page)}")
+    return 0
+
+
+def _write_page(scaled: Scaled, page: Path, units: str) -> None:
+    about = scaled.scaling, scaled.source, scaled.provenance, scaled.warnings
+    write_scale_report(*about, page, units, out=scaled.out)
+
+
+def _scale_json(scaled: Scaled) -> Mapping[str, Any]:
+    about = scaled.scaling, scaled.source, scaled.provenance, scaled.warnings
+    return scale_document(*about, scaled.out)
+
+
+def _stem(path: Path) -> str:
+    return path.name[: -len(path.suffix)] if path.suffix else path.name
+
+
+def _gcp(given: argparse.Namespace) -> int:
+    if given.out is not None and given.to is None:
+        raise UsageError("--out goes with --to odm: add it, or leave both out")
+    account = convert_control(given.file, to=given.to, out=given.out)
+    if given.json:
+        print(json.dumps(control_document(account), indent=2, allow_nan=False))
+        return 0
+    print_control(account, Console(), units=given.units)
+    return 0
 
 
 def _demo(given: argparse.Namespace) -> int:

@@ -17,7 +17,8 @@ from ..sfm.outputs import Source
 from ..streaming import Progress, Streamed, accumulate, thread_count
 from ..types import AreaFailure, Measurement, Options, Window
 from ..volcalc.outline import cloud_outline, core_window, typical_height
-from ..volcalc.terrain import Recipe, measure_terrain
+from ..volcalc.placements import measure_area
+from ..volcalc.terrain import Recipe
 from .common import (
     Result,
     bounds_in_frame,
@@ -192,9 +193,7 @@ def _each(
         if isinstance(area, AreaFailure):
             return area
         try:
-            result = measure_terrain(
-                area.name, area.polygon, voxels, accumulator.grid, points, recipe
-            )
+            result = measure_area(area.name, area.polygon, voxels, accumulator.grid, points, recipe)
             return finish(result, streamed.left_out, options)
         except QuantifyError as error:
             return AreaFailure(area.name, str(error))

@@ -5,21 +5,22 @@ A script only where a body can be turned, and the page's policy lets no other ru
 
 from __future__ import annotations
 
-import base64
 import string
 from importlib import resources
 from pathlib import Path
-from typing import Iterator, List, Mapping, Optional, Tuple, Union
+from typing import Any, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
 
 from ..types import AreaFailure, AreaResult, Measurement
-from .jsonout import to_json
-from .markup import details, facts, note, table, text
+from .markup import facts, figure, note, table, text
+from .plain import plain
 from .result_markup import result_body
-from .units import NOTHING, Units, number
+from .scale_markup import scale_section
+from .scale_words import factor_words
+from .units import NOTHING, Units
 from .view import script, script_policy, view_markup
 from .words import crs_words, json_words, volume_word
 
-__all__ = ["render_html"]
+__all__ = ["page_header", "page_top", "provenance_card", "render_html"]
 
 Result = Union[AreaResult, AreaFailure]
 
@@ -29,14 +30,17 @@ def render_html(
     units: Units,
     pictures: Mapping[int, Path],
     overview: Optional[Path] = None,
+    scale_picture: Optional[Path] = None,
 ) -> Iterator[str]:
     """Yield the page in pieces, so that the pictures of many areas are not all in memory.
 
     `pictures` has the PNG file of each result that has one, by its index.
     """
     views = sum(isinstance(r, AreaResult) and r.solid is not None for r in measurement.results)
-    yield _top(measurement, views)
+    yield page_top(f"Volumes: {measurement.source}", views)
     yield _header(measurement, units)
+    if measurement.scale is not None:
+        yield scale_section(measurement.scale, units, scale_picture)
     if len(measurement.results) > 1:
         yield from _summary(measurement, units, overview)
     for index, result in enumerate(measurement.results):
@@ -44,13 +48,14 @@ def render_html(
         if isinstance(result, AreaResult):
             view = view_markup(result, units, north=bool(measurement.crs), views=views)
         yield from _card(index, result, units, pictures.get(index), view)
-    yield _provenance(measurement)
+    yield provenance_card(measurement.provenance, measurement.crs)
     if views:
         yield f"<script>{script()}</script>\n"
     yield "</body>\n</html>\n"
 
 
-def _top(measurement: Measurement, views: int) -> str:
+def page_top(title: str, views: int = 0) -> str:
+    """Return all up to the page's body; the script's policy only where a body can be turned."""
     folder = resources.files(__package__)
     template = string.Template((folder / "report.html").read_text("utf-8"))
     style = (folder / "report.css").read_text("utf-8")
@@ -58,35 +63,35 @@ def _top(measurement: Measurement, views: int) -> str:
     if views:
         style += (folder / "view.css").read_text("utf-8")
         scripts = f"; script-src {script_policy()}"
-    title = f"Volumes: {text(measurement.source)}"
-    return template.substitute(title=title, style=style, scripts=scripts)
+    return template.substitute(title=text(title), style=style, scripts=scripts)
+
+
+def page_header(
+    kicker: str, title: str, chips: Sequence[Tuple[str, str]], warnings: Sequence[str]
+) -> str:
+    """Return a page's heading; `chips` are names and markup values."""
+    items = "".join(f"<li><span>{name}</span><b>{value}</b></li>" for name, value in chips)
+    return (
+        f'<header><p class="kicker">{text(kicker)}</p>'
+        f'<h1>{text(title)}</h1><ul class="chips">{items}</ul></header>'
+        f"{note(warnings)}\n"
+    )
 
 
 def _header(measurement: Measurement, units: Units) -> str:
-    factor = measurement.grid_scale_factor
+    factor, scale = measurement.grid_scale_factor, measurement.scale
     chips = [
         ("CRS", text(crs_words(measurement.crs))),
         ("Units", f"{text(units.length)}, {text(units.area)}, {text(units.volume)}"),
         ("Shape", text(measurement.shape)),
         ("Method", text(measurement.method)),
         ("Grid scale factor", "not applied" if factor is None else f"{factor:.6f}"),
-        *_scale_chip(measurement),
     ]
-    items = "".join(f"<li><span>{name}</span><b>{value}</b></li>" for name, value in chips)
-    return (
-        '<header><p class="kicker">Volume report</p>'
-        f'<h1>{text(measurement.source)}</h1><ul class="chips">{items}</ul></header>'
-        f"{note(list(measurement.warnings))}\n"
-    )
-
-
-def _scale_chip(measurement: Measurement) -> List[Tuple[str, str]]:
-    factor = (measurement.scale or {}).get("factor")
-    if not isinstance(factor, (int, float)):
-        return []
-    std = (measurement.scale or {}).get("std")
-    spread = f" \u00b1 {number(std, std=std)}" if isinstance(std, (int, float)) else ""
-    return [("Scaled by", f"{number(factor, std=std, digits=7)}{spread}")]
+    if scale is not None:
+        chips.append(("Scaled by", text(factor_words(scale))))
+    told = [] if scale is None else list(scale.warnings)  # in the card of the scale
+    warnings = [warning for warning in measurement.warnings if warning not in told]
+    return page_header("Volume report", measurement.source, chips, warnings)
 
 
 def _summary(measurement: Measurement, units: Units, overview: Optional[Path]) -> Iterator[str]:
@@ -103,7 +108,7 @@ def _summary(measurement: Measurement, units: Units, overview: Optional[Path]) -
         head[1] = f"Volume, {unit}"
     yield f'<section class="card"><h2>All areas</h2>{table(head, rows)}'
     if overview is not None:
-        yield from _picture(overview, "Plan of all areas")
+        yield from figure(overview, "Plan of all areas")
     yield "</section>\n"
 
 
@@ -141,28 +146,17 @@ def _card(
         top, rest = result_body(result, units)
         yield top
         if picture is not None:
-            yield from _picture(picture, f"{volume_word(result)} of {result.name}: views")
+            yield from figure(picture, f"{volume_word(result)} of {result.name}: views")
         yield view
         yield rest
     yield "</article>\n"
 
 
-def _picture(path: Path, words: str) -> Iterator[str]:
-    yield f'<figure><img alt="{text(words)}" src="data:image/png;base64,'
-    yield base64.b64encode(path.read_bytes()).decode("ascii")
-    yield '"></figure>'
-
-
-def _provenance(measurement: Measurement) -> str:
-    """Return where the numbers come from, as in report.json."""
-    document = to_json(measurement)
+def provenance_card(provenance: Mapping[str, Any], crs: Optional[str]) -> str:
+    """Return where the numbers come from, as in the JSON document."""
     rows = [
-        (key, f"<code>{text(json_words(v))}</code>") for key, v in document["provenance"].items()
+        (key, f"<code>{text(json_words(value))}</code>") for key, value in plain(provenance).items()
     ]
-    if measurement.crs:
-        rows.append(("crs", f"<code>{text(measurement.crs)}</code>"))
-    parts = ['<footer class="card"><h3>Provenance</h3>', facts(rows)]
-    if document["scale"] is not None:
-        code = f"<pre>{text(json_words(document['scale']))}</pre>"
-        parts.append(details("Scaling", code))
-    return "".join([*parts, "</footer>\n"])
+    if crs:
+        rows.append(("crs", f"<code>{text(crs)}</code>"))
+    return f'<footer class="card"><h3>Provenance</h3>{facts(rows)}</footer>\n'

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Union
-
-import numpy as np
+from typing import Any, Dict, List, Optional, Sequence, Union
 
 from ..types import AreaFailure, AreaResult, Measurement
+from .plain import plain
+from .scale_json import SCHEMA, scale_json
 from .units import INTERVAL95
-from .words import encodable
 
 __all__ = ["SCHEMA", "interval95", "to_json"]
-
-SCHEMA = "quantify-client/1"
 
 
 def to_json(measurement: Measurement) -> Dict[str, Any]:
@@ -31,12 +28,12 @@ def to_json(measurement: Measurement) -> Dict[str, Any]:
         "shape": measurement.shape,
         "method": measurement.method,
         "grid_scale_factor": measurement.grid_scale_factor,
-        "scale": measurement.scale,
+        "scale": None if measurement.scale is None else scale_json(measurement.scale),
         "results": [_result(result) for result in measurement.results],
         "warnings": list(measurement.warnings),
         "provenance": measurement.provenance,
     }
-    return {key: _plain(value) for key, value in document.items()}
+    return {key: plain(value) for key, value in document.items()}
 
 
 def interval95(value: Optional[float], std: Optional[float]) -> Optional[List[float]]:
@@ -97,28 +94,3 @@ def _volumes(result: AreaResult) -> Dict[str, Any]:
 def _bases(bases: Sequence[AreaResult]) -> Optional[List[Dict[str, Any]]]:
     keys = ("base", "volume_m3", "cut_m3", "fill_m3", "std_m3")
     return [{key: getattr(row, key) for key in keys} for row in bases] or None
-
-
-def _plain(value: Any) -> Any:
-    """Return the value in JSON's own types; what has none (a geometry, a path) as text."""
-    if isinstance(value, np.generic):
-        value = value.item()
-    if value is None or isinstance(value, (bool, int)):
-        return value
-    if isinstance(value, float):
-        return value + 0.0 if math.isfinite(value) else None  # + 0.0: no "-0.0"
-    if isinstance(value, str):
-        return encodable(value)
-    return _plain_container(value)
-
-
-def _plain_container(value: Any) -> Any:
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        value = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
-    if isinstance(value, Mapping):
-        return {encodable(str(key)): _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        value = value.tolist()
-    if isinstance(value, (list, tuple, set, frozenset)):
-        return [_plain(item) for item in value]
-    return encodable(str(value))

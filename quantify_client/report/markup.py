@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import base64
 import html
-from typing import Iterable, List, Optional, Sequence, Tuple
+from pathlib import Path
+from typing import Iterable, Iterator, List, Optional, Sequence, Tuple
 
 from .words import printable
 
-__all__ = ["bar", "details", "facts", "note", "table", "text"]
+__all__ = ["bar", "details", "facts", "figure", "note", "table", "text"]
 
 
 def text(value: object) -> str:
@@ -63,6 +65,14 @@ def note(lines: Sequence[str]) -> str:
     return f'<div class="note" role="note"><ul>{items}</ul></div>'
 
 
-def details(summary: str, markup: str) -> str:
-    """Return markup that is folded away."""
-    return f"<details><summary>{text(summary)}</summary>{markup}</details>"
+def details(summary: str, markup: str, *, opened: bool = False) -> str:
+    """Return markup that is folded away, or can be."""
+    tag = "<details open>" if opened else "<details>"
+    return f"{tag}<summary>{text(summary)}</summary>{markup}</details>"
+
+
+def figure(path: Path, words: str) -> Iterator[str]:
+    """Yield a PNG file as a figure of the page itself."""
+    yield f'<figure><img alt="{text(words)}" src="data:image/png;base64,'
+    yield base64.b64encode(path.read_bytes()).decode("ascii")
+    yield '"></figure>'

@@ -35,7 +35,15 @@ from .stack import draw_stack
 from .units import NOTHING, Units
 from .words import is_terrain, volume_word
 
-__all__ = ["SOFTWARE", "area_picture", "overview_picture"]
+__all__ = [
+    "SOFTWARE",
+    "WIDTH_IN",
+    "area_picture",
+    "axes_at",
+    "new_figure",
+    "overview_picture",
+    "png_bytes",
+]
 
 SOFTWARE = "quantify-client"  # in each PNG's own metadata: how we know our pictures again
 DPI = 100
@@ -64,7 +72,7 @@ def area_picture(result: AreaResult, measurement: Measurement, units: Units) -> 
             figure = _profile_only(result, units)
         else:
             figure = _three_views(result, result.relief, measurement, units)
-        return _png(figure)
+        return png_bytes(figure)
 
 
 def _three_views(
@@ -72,19 +80,19 @@ def _three_views(
 ) -> Figure:
     view = view_of(shapely.from_wkb(relief.polygon_wkb))
     layout = _layout((view[1] - view[0]) / (view[3] - view[2]))
-    figure = _figure(layout.height)
+    figure = new_figure(layout.height)
     ground = coarse(relief, LARGEST_GRID)
     limit = height_limit(ground.above_base_m)
-    axes = _axes(figure, layout.plan)
+    axes = axes_at(figure, layout.plan)
     draw_plan(axes, ground, relief, list(result.slices), limit, view)
     label_coordinates(axes, measurement.crs, measurement.length_unit != "m")
     draw_scale_bar(axes, units)
-    draw_colour_bar(_axes(figure, layout.colours), limit, units)
+    draw_colour_bar(axes_at(figure, layout.colours), limit, units)
     section = section_of(relief)
     if section is not None:
         draw_section_line(axes, section)
-        draw_section(_axes(figure, layout.section), section, units)
-    draw_profile(_axes(figure, layout.profile), result, units)
+        draw_section(axes_at(figure, layout.section), section, units)
+    draw_profile(axes_at(figure, layout.profile), result, units)
     _head(figure, result, units)
     return figure
 
@@ -116,20 +124,20 @@ def _layout(aspect: float) -> Layout:
 
 
 def _profile_only(result: AreaResult, units: Units) -> Figure:
-    figure = _figure(6.6)
-    draw_profile(_axes(figure, (0.95, 0.7, WIDTH_IN - 1.3, 4.65)), result, units)
+    figure = new_figure(6.6)
+    draw_profile(axes_at(figure, (0.95, 0.7, WIDTH_IN - 1.3, 4.65)), result, units)
     _head(figure, result, units)
     return figure
 
 
 def _body(result: AreaResult, solid: Solid, units: Units) -> Figure:
-    figure = _figure(8.9)
+    figure = new_figure(8.9)
     sections = sections_of(result, solid)
     shown = chosen(sections, SHOWN)
-    draw_stack(_axes(figure, (0.45, 3.75, 4.15, 3.95)), sections)
-    draw_convergence(_axes(figure, (1.1, 0.7, 3.5, 2.05)), result, solid, units)
-    draw_sections(_axes(figure, (5.1, 0.3, 5.1, 7.4)), shown, units)
-    draw_heights(_axes(figure, (11.0, 0.7, 2.45, 7.0)), result, shown, units)
+    draw_stack(axes_at(figure, (0.45, 3.75, 4.15, 3.95)), sections)
+    draw_convergence(axes_at(figure, (1.1, 0.7, 3.5, 2.05)), result, solid, units)
+    draw_sections(axes_at(figure, (5.1, 0.3, 5.1, 7.4)), shown, units)
+    draw_heights(axes_at(figure, (11.0, 0.7, 2.45, 7.0)), result, shown, units)
     _head(figure, result, units)
     return figure
 
@@ -170,7 +178,7 @@ def overview_picture(measurement: Measurement, units: Units) -> Optional[bytes]:
     if len(drawn) < 2:
         return None
     with style():
-        return _png(_overview(drawn, measurement, units))
+        return png_bytes(_overview(drawn, measurement, units))
 
 
 def _overview(drawn: List[AreaResult], measurement: Measurement, units: Units) -> Figure:
@@ -178,8 +186,8 @@ def _overview(drawn: List[AreaResult], measurement: Measurement, units: Units) -
     polygons = [shapely.from_wkb(relief.polygon_wkb) for relief in reliefs]
     view = view_of(polygons)
     wide, high, figure_high = _overview_size(view)
-    figure = _figure(figure_high)
-    axes = _axes(figure, (0.75, 0.65, wide, high))
+    figure = new_figure(figure_high)
+    axes = axes_at(figure, (0.75, 0.65, wide, high))
     axes.set_facecolor(PAPER)
     grounds = [coarse(relief, _cells_shown(relief, view)) for relief in reliefs]
     limit = max(height_limit(ground.above_base_m) for ground in grounds)
@@ -193,7 +201,7 @@ def _overview(drawn: List[AreaResult], measurement: Measurement, units: Units) -
     draw_scale_bar(axes, units)
     bar_high = min(high, 6.0)
     draw_colour_bar(
-        _axes(figure, (0.95 + wide, 0.65 + (high - bar_high) / 2, 0.17, bar_high)), limit, units
+        axes_at(figure, (0.95 + wide, 0.65 + (high - bar_high) / 2, 0.17, bar_high)), limit, units
     )
     figure.text(0.03, 1 - 0.32 / figure_high, "All areas", size=17, weight="bold", va="center")
     return figure
@@ -245,19 +253,22 @@ def _name(axes: Any, polygon: Any, name: str, count: int) -> None:
     )
 
 
-def _figure(height_in: float) -> Figure:
+def new_figure(height_in: float) -> Figure:
+    """Return an empty figure of the width of all."""
     figure = Figure(figsize=(WIDTH_IN, height_in), dpi=DPI)
     FigureCanvasAgg(figure)
     return figure
 
 
-def _axes(figure: Figure, inches: Tuple[float, float, float, float]) -> Any:
+def axes_at(figure: Figure, inches: Tuple[float, float, float, float]) -> Any:
+    """Add axes at (left, bottom, width, height), in inches."""
     left, bottom, width, height = inches
     tall = figure.get_figheight()
     return figure.add_axes((left / WIDTH_IN, bottom / tall, width / WIDTH_IN, height / tall))
 
 
-def _png(figure: Figure) -> bytes:
+def png_bytes(figure: Figure) -> bytes:
+    """Return the figure as a PNG that is known as ours again."""
     buffer = io.BytesIO()
     figure.savefig(
         buffer,

@@ -9,7 +9,7 @@ from .body_words import floor_words, gap_words
 from .jsonout import interval95
 from .markup import bar, details, facts, note, table, text
 from .units import NOTHING, Units, count, number
-from .words import base_words, coverage_words, is_terrain, volume_word
+from .words import base_words, budget_words, coverage_words, is_terrain, volume_word
 
 __all__ = ["result_body"]
 
@@ -23,7 +23,7 @@ def result_body(result: AreaResult, units: Units) -> Tuple[str, str]:
         "</div>",
     ]
     if result.bases:
-        below.append(details_open("Base surfaces compared", _bases(result, units)))
+        below.append(details("Base surfaces compared", _bases(result, units), opened=True))
     if result.slices:
         below.append(details(f"Slices ({len(result.slices)})", _slices(result, units)))
     above = [_headline(result, units), note(list(result.warnings))]
@@ -31,11 +31,6 @@ def result_body(result: AreaResult, units: Units) -> Tuple[str, str]:
         words = f"{floor_words(result.solid, units)} {gap_words(result.solid, units)}"
         above.append(f'<p class="stands">{text(words)}</p>')
     return "".join(above), "".join(below)
-
-
-def details_open(summary: str, markup: str) -> str:
-    """Return markup that can be folded away."""
-    return details(summary, markup).replace("<details>", "<details open>", 1)
 
 
 def _section(title: str, markup: str) -> str:
@@ -154,10 +149,15 @@ def _budget(result: AreaResult, units: Units) -> str:
         share = item.std_m3**2 / total if total > 0 else 0.0
         shown = units.volume_number(item.std_m3, item.std_m3)
         percent = f'<span class="share">{share * 100:.0f}\u00a0%</span>'
-        rows.append([text(item.source), shown, f"{bar(share)} {percent}"])
+        rows.append([_source(item.source), shown, f"{bar(share)} {percent}"])
     head = ["Source", f"1 \u03c3, {text(units.volume)}", "Share of variance"]
     foot = ["Together", units.volume_number(result.std_m3, result.std_m3), ""]
     return table(head, rows, foot=foot)
+
+
+def _source(source: str) -> str:
+    words = budget_words(source)
+    return text(source) + (f' <small class="muted">{text(words)}</small>' if words else "")
 
 
 def _bases(result: AreaResult, units: Units) -> str:

@@ -14,12 +14,22 @@ from .body_words import floor_words, gap_words, left_out_words
 from .units import MINUS, NOTHING, THIN_SPACE, Units, count, display_units
 from .words import base_words, coverage_words, crs_words, is_terrain, printable, volume_word
 
-__all__ = ["print_table"]
+__all__ = ["print_table", "say", "terminal_text"]
 
 NARROW = 92  # columns of text below which a row of more than a few cells ...
 FEW = 5  # ... gets lines of its own
 PLAIN = {THIN_SPACE: " ", MINUS: "-", NOTHING: "-", "\u00a0": " "}
-ASCII = {"\u00b1": "+-", "\u00b2": "2", "\u00b3": "3", "\u03c3": "s", "\ufffd": "?"}
+ASCII = {
+    "\u00b1": "+-",
+    "\u00b2": "2",
+    "\u00b3": "3",
+    "\u03c3": "s",
+    "\ufffd": "?",
+    "\u00b0": " deg",
+    "\u2713": "+",
+    "\u2717": "x",
+    "\u25cb": "o",
+}
 
 Row = List[Tuple[str, str]]  # heading and cell
 
@@ -31,7 +41,7 @@ def print_table(measurement: Measurement, console: Console, *, units: str = "met
     never reach the terminal.
     """
     shown = display_units(measurement, units)
-    _print(console, _how(measurement), "dim")
+    say(console, _how(measurement), "dim")
     measured = [r for r in measurement.results if isinstance(r, AreaResult)]
     rows = [_row(result, shown) for result in measured]
     _print_rows(console, rows)
@@ -39,9 +49,9 @@ def print_table(measurement: Measurement, console: Console, *, units: str = "met
         _print_remarks(console, result, shown, named=len(measurement.results) > 1)
     for failed in measurement.results:
         if isinstance(failed, AreaFailure):
-            _print(console, f"{failed.name}: not measured: {failed.error}", "bold red")
+            say(console, f"{failed.name}: not measured: {failed.error}", "bold red")
     for warning in measurement.warnings:
-        _print(console, f"Warning: {warning}", "yellow")
+        say(console, f"Warning: {warning}", "yellow")
 
 
 def _how(measurement: Measurement) -> str:
@@ -104,7 +114,7 @@ def _grid(console: Console, rows: List[Row]) -> Table:
     for heading in headings:
         text = heading in ("Area", "Base")
         table.add_column(
-            _text(console, heading),
+            terminal_text(console, heading),
             justify="left" if text else "right",
             # Numbers are never broken; a long name is.
             no_wrap=not text,
@@ -113,33 +123,33 @@ def _grid(console: Console, rows: List[Row]) -> Table:
         )
     for row in rows:
         cells = dict(row)
-        table.add_row(*(_text(console, cells.get(h, "")) for h in headings))
+        table.add_row(*(terminal_text(console, cells.get(h, "")) for h in headings))
     return table
 
 
 def _print_lines(console: Console, row: Row) -> None:
     (_, name), *rest = row
-    _print(console, name, "bold")
+    say(console, name, "bold")
     width = max(len(heading) for heading, _ in rest)
     for heading, cell in rest:
-        _print(console, f"  {heading:<{width}}  {cell}")
+        say(console, f"  {heading:<{width}}  {cell}")
 
 
 def _print_remarks(console: Console, result: AreaResult, units: Units, named: bool) -> None:
     name = f"{result.name}: " if named else ""
     if result.solid is not None:
-        _print(console, f"{name}{floor_words(result.solid, units)}")
-        _print(console, f"{name}{gap_words(result.solid, units)}")
+        say(console, f"{name}{floor_words(result.solid, units)}")
+        say(console, f"{name}{gap_words(result.solid, units)}")
         used = count(result.points_used)
-        _print(console, f"{name}Points: {used} used; left out: {left_out_words(result)}.")
+        say(console, f"{name}Points: {used} used; left out: {left_out_words(result)}.")
     for check in result.checks:
         volume = units.volume_text(check.volume_m3, result.std_m3)
-        _print(console, f"{name}check by {check.method}: {volume}")
+        say(console, f"{name}check by {check.method}: {volume}")
     if result.bases:
-        _print(console, f"{name}base surfaces compared", "bold")
+        say(console, f"{name}base surfaces compared", "bold")
         _print_rows(console, [_base_row(row, units) for row in result.bases])
     for warning in result.warnings:
-        _print(console, f"{name}warning: {warning}", "yellow")
+        say(console, f"{name}warning: {warning}", "yellow")
 
 
 def _base_row(row: AreaResult, units: Units) -> Row:
@@ -152,13 +162,14 @@ def _base_row(row: AreaResult, units: Units) -> Row:
     ]
 
 
-def _print(console: Console, line: str, style: Optional[str] = None) -> None:
-    text = _text(console, line)
+def say(console: Console, line: str, style: Optional[str] = None) -> None:
+    """Print a line of text, whatever is in it."""
+    text = terminal_text(console, line)
     text.stylize(style or "")
     console.print(text, highlight=False, soft_wrap=False)
 
 
-def _text(console: Console, line: str) -> Text:
+def terminal_text(console: Console, line: str) -> Text:
     """Return a Text, whose brackets are no markup, of what the terminal can show."""
     line = printable(line)
     for letter, plain in PLAIN.items():

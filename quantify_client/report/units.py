@@ -21,6 +21,8 @@ __all__ = [
     "count",
     "display_units",
     "fixed",
+    "ground_units",
+    "named_units",
     "number",
 ]
 
@@ -164,6 +166,10 @@ class Units:
             return NOTHING
         return fixed(value, 2) if abs(value) >= 1.0 or value == 0.0 else number(value, digits=3)
 
+    def length_by_error(self, value_m: Optional[float], std_m: Optional[float]) -> str:
+        """Return a length without its unit, with the digits that its error supports."""
+        return number(_times(value_m, self.length_per_m), std=_times(std_m, self.length_per_m))
+
     def length_text(self, value_m: Optional[float]) -> str:
         """Return a length, height or elevation with its unit."""
         return _with_unit(self.length_number(value_m), self.length)
@@ -190,11 +196,20 @@ def display_units(measurement: Measurement, units: str) -> Units:
 
     A cloud of unknown unit is never converted: nobody knows from what.
     """
+    known = named_units(units)
+    return known if measurement.length_unit == "m" else UNKNOWN
+
+
+def named_units(units: str) -> Units:
+    """Return the units of that name, for what is in metres."""
     if units not in ("metric", "us"):
         raise InputError(f"The units {units!r} are not known; use metric or us.")
-    if measurement.length_unit != "m":
-        return UNKNOWN
     return US if units == "us" else METRIC
+
+
+def ground_units(units: Units) -> Units:
+    """Return the units of control, which is in metres even where the cloud's unit is unknown."""
+    return METRIC if units == UNKNOWN else units
 
 
 def _times(value: Optional[float], factor: float) -> Optional[float]:

@@ -12,6 +12,7 @@ from .units import Units
 
 __all__ = [
     "base_words",
+    "budget_words",
     "coverage_words",
     "crs_words",
     "encodable",
@@ -30,6 +31,7 @@ BIDI_CONTROLS = frozenset(
 SPACES = frozenset("\t\n\r\v\f\x85\u2028\u2029")
 WKT_NAME = re.compile(r'^\s*[A-Z_a-z]+\s*[\[(]\s*"((?:[^"]|"")*)"')
 SLUG_LENGTH = 40
+BUDGET_WORDS = {"scale": "how well the control knows the size of the whole cloud"}
 
 
 def printable(text: object) -> str:
@@ -89,6 +91,11 @@ def base_words(base: Union[str, float, None], units: Units) -> str:
     if isinstance(base, str):
         return printable(base)
     return f"elevation {units.length_text(base)}"
+
+
+def budget_words(source: str) -> str:
+    """Return what an item of the error budget is, where its name alone does not tell."""
+    return BUDGET_WORDS.get(source, "")
 
 
 def coverage_words(coverage: Optional[float]) -> str:

@@ -16,12 +16,12 @@ from ..types import AreaResult, Measurement
 from .csvout import write_slices
 from .geojson import to_geojson
 from .jsonout import to_json
-from .units import Units, display_units
+from .units import Units, display_units, ground_units
 from .words import printable, slug
 
 __all__ = ["require_writable", "write_report"]
 
-OUR_PICTURES = re.compile(r"(area-\d{2,}-[a-z0-9-]+|overview)\.png")
+OUR_PICTURES = re.compile(r"(area-\d{2,}-[a-z0-9-]+|overview|scale)\.png")
 OUR_MARK = b"tEXtSoftware\x00quantify-client"  # as pictures.py has it put into each PNG
 HEAD_BYTES = 1024
 
@@ -102,11 +102,12 @@ def _write_all(measurement: Measurement, staging: Path, units: Units) -> List[st
     _write_json(staging / "areas.geojson", to_geojson(measurement))
     pictures = _draw_areas(measurement, staging, units)
     overview = _draw_overview(measurement, staging, units)
+    scale = _draw_scale(measurement, staging, units)
     from .htmlout import render_html
 
     with (staging / "report.html").open("w", encoding="utf-8") as file:
-        file.writelines(render_html(measurement, units, pictures, overview))
-    drawn = ([overview] if overview else []) + list(pictures.values())
+        file.writelines(render_html(measurement, units, pictures, overview, scale))
+    drawn = [path for path in (scale, overview) if path is not None] + list(pictures.values())
     names = ["report.json", "slices.csv", "areas.geojson"]
     return [*names, *(path.name for path in drawn), "report.html"]
 
@@ -136,6 +137,16 @@ def _draw_overview(measurement: Measurement, staging: Path, units: Units) -> Opt
         return None
     path = staging / "overview.png"
     path.write_bytes(png)
+    return path
+
+
+def _draw_scale(measurement: Measurement, staging: Path, units: Units) -> Optional[Path]:
+    if measurement.scale is None:
+        return None
+    from .scale_plan import scale_plan
+
+    path = staging / "scale.png"
+    scale_plan(measurement.scale, path, ground_units(units))
     return path
 
 

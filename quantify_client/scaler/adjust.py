@@ -7,6 +7,7 @@ data snooping): W. Baarda (1968), A testing procedure for use in geodetic networ
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Dict, Mapping, Sequence, Set, Tuple
 
 import numpy as np
@@ -35,7 +36,7 @@ _MOST_BAD = 0.25
 #: Below this redundancy nothing controls an observation, and its residual tells nothing.
 _UNCONTROLLED = 1e-4
 
-#: Two statistics this near to each other cannot say which of both observations is wrong.
+#: Two statistics this near to each other may be of one error, in either observation.
 _SAME = 0.02
 
 _ROUNDS = 60
@@ -76,6 +77,7 @@ class Adjustment:
     raised: Mapping[str, float]
     cost: float
     _rows: FloatArray
+    _white: FloatArray
 
     def std_without(self, rows: npt.NDArray[np.bool_]) -> float:
         """Return the standard deviation of the scale's logarithm if these rows were not there."""
@@ -92,6 +94,12 @@ class Adjustment:
         with np.errstate(divide="ignore", invalid="ignore"):
             share = 1.0 - variance / (variance + gain / np.maximum(self.redundancy, 1e-12))
         return np.where(self.active, share, np.nan)
+
+    def gain(self, groups: Sequence[int]) -> float:
+        """Return by how much the squared residuals would shrink without these active groups."""
+        mine = np.isin(self.model.group, groups)
+        part = self._rows[mine] @ self.covariance @ self._rows[mine].T
+        return _squared(self._white[mine], np.eye(len(part)) - part)[0]
 
 
 def adjust(network: Network, freedom: Freedom, starts: Sequence[State]) -> Adjustment:
@@ -214,6 +222,7 @@ class _Judge:
             raised=dict(self._raised),
             cost=float(white[used] @ white[used]),
             _rows=rows,
+            _white=white,
         )
 
     def _kind_of(self, group: int) -> str:
@@ -238,7 +247,10 @@ class _Judge:
         return True
 
     def _leave_out(self, found: Adjustment) -> bool:
-        """Leave out the group that fits worst, if it does not fit and is told from the others."""
+        """Leave out the group that fits worst, if it does not fit and is told from the others.
+
+        Where either of two could be wrong, the other fits as soon as one of them is left out.
+        """
         excess = found.excess.copy()
         excess[list(self._out)] = 0.0
         excess[np.unique(self._model.group[self._checks])] = 0.0
@@ -246,9 +258,13 @@ class _Judge:
         worst = int(order[0])
         if excess[worst] <= 1.0 or not self._may_leave(worst, sorted(self._out)):
             return False
-        if len(order) > 1 and excess[order[1]] > (1.0 - _SAME) * excess[worst]:
-            return False
-        self._out |= self._lengths_instead(worst, found) or {worst}
+        for rival in map(int, order[1:][excess[order[1:]] > (1.0 - _SAME) * excess[worst]]):
+            both = found.gain([worst, rival])
+            ways = ((worst, rival), (rival, worst))
+            if all((both - found.gain([a])) * excess[b] <= found.statistic[b] for a, b in ways):
+                return False
+        instead = self._lengths_instead(worst, found)
+        self._out |= instead or {worst}
         return True
 
     def _lengths_instead(self, group: int, found: Adjustment) -> Set[int]:
@@ -257,24 +273,23 @@ class _Judge:
         Two wrong tapes that end at one point look like one point that is wrong: what leaves out
         fewer numbers is believed.
         """
-        most = int((self._model.group == group).sum()) - 1
-        kept, tried = set(self._out), set()
-        while len(tried) < most and found.excess[group] > 1.0:
-            lengths = np.isin(self._model.kind, ("distance", "scale_bar")) & found.active
-            ends = self._model.network.ends[self._model.index[lengths]]
-            touching = (ends == self._model.index[self._model.group == group][0]).any(axis=1)
-            near = self._model.group[lengths][touching]
-            if not len(near):
+        model, kept = self._model, set(self._out)
+        lengths = np.isin(model.kind, ("distance", "scale_bar")) & found.active
+        ends = model.network.ends[model.index[lengths]]
+        touching = (ends == model.index[model.group == group][0]).any(axis=1)
+        near = [int(length) for length in model.group[lengths][touching] if length != group]
+        for count in range(1, int((model.group == group).sum())):
+            if count > len(near):
                 break
-            worst = int(near[int(np.argmax(found.excess[near]))])
-            if found.excess[worst] <= 1.0 or not self._may_leave(worst, sorted(self._out)):
+            best = max(combinations(near, count), key=found.gain)
+            if not all(self._may_leave(g, sorted(kept | set(best) - {g})) for g in best):
                 break
-            tried.add(worst)
-            self._out.add(worst)
-            found = self._adjusted()
-        explained = bool(tried) and found.excess[group] <= 1.0
-        self._out = kept
-        return tried if explained else set()
+            self._out = kept | set(best)
+            explained = self._adjusted().excess[group] <= 1.0
+            self._out = kept
+            if explained:
+                return set(best)
+        return set()
 
     def _raise(self, found: Adjustment) -> bool:
         """Raise the sigmas of the kind whose residuals are least what they should be."""
@@ -319,10 +334,15 @@ def _statistics(
         mine = group == number
         part = rows[mine] @ covariance @ rows[mine].T
         sign = -1.0 if used[mine].all() else 1.0
-        values, vectors = np.linalg.eigh(np.eye(int(mine.sum())) + sign * part)
-        told = values > _UNCONTROLLED
-        if told.any():
-            along = vectors.T @ white[mine]
-            statistic[number] = float((along[told] ** 2 / values[told]).sum())
-            excess[number] = statistic[number] / chi2.ppf(1.0 - _LEVEL / count, int(told.sum()))
+        square, told = _squared(white[mine], np.eye(int(mine.sum())) + sign * part)
+        if told:
+            statistic[number] = square
+            excess[number] = square / chi2.ppf(1.0 - _LEVEL / count, told)
     return statistic, excess
+
+
+def _squared(values: FloatArray, covariance: FloatArray) -> Tuple[float, int]:
+    """Return the square of values against their covariance, and how many of them that tells of."""
+    sizes, vectors = np.linalg.eigh(covariance)
+    told = sizes > _UNCONTROLLED
+    return float(((vectors.T @ values)[told] ** 2 / sizes[told]).sum()), int(told.sum())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Sequence
 
 import numpy as np
@@ -132,12 +132,14 @@ class Grid:
     cell : edge length, in metres of the measuring frame.
     first_page_x, first_page_y : absolute index of the page [0, 0].
     pages : (py, px) int32, the number of each page, -1 where no area needs it.
+    moved : by how many cells to the east and to the north everything is told to lie further.
     """
 
     cell: float
     first_page_x: int
     first_page_y: int
     pages: npt.NDArray[np.int32]
+    moved: tuple[int, int] = (0, 0)
 
     @classmethod
     def over(cls, windows: Sequence[CellWindow]) -> Grid:
@@ -229,10 +231,11 @@ class Grid:
 
     def page_numbers(self, window: CellWindow) -> IntArray:
         """Return the numbers of the pages that hold `window`, ascending."""
-        x0 = (window.first_x >> PAGE_BITS) - self.first_page_x
-        y0 = (window.first_y >> PAGE_BITS) - self.first_page_y
-        x1 = ((window.first_x + window.nx - 1) >> PAGE_BITS) - self.first_page_x
-        y1 = ((window.first_y + window.ny - 1) >> PAGE_BITS) - self.first_page_y
+        first_x, first_y = window.first_x - self.moved[0], window.first_y - self.moved[1]
+        x0 = (first_x >> PAGE_BITS) - self.first_page_x
+        y0 = (first_y >> PAGE_BITS) - self.first_page_y
+        x1 = ((first_x + window.nx - 1) >> PAGE_BITS) - self.first_page_x
+        y1 = ((first_y + window.ny - 1) >> PAGE_BITS) - self.first_page_y
         rows, columns = self.pages.shape
         part = self.pages[max(y0, 0) : min(y1 + 1, rows), max(x0, 0) : min(x1 + 1, columns)]
         return np.sort(part[part >= 0]).astype(np.int64)
@@ -245,7 +248,11 @@ class Grid:
         row = ((page_y[page] + self.first_page_y) << PAGE_BITS) + (
             (number >> PAGE_BITS) & PAGE_MASK
         )
-        return column, row
+        return column + self.moved[0], row + self.moved[1]
+
+    def further(self, east: int, north: int) -> Grid:
+        """Return the same cells, told to lie so many cells further: larger cells then fall anew."""
+        return replace(self, moved=(east, north))
 
 
 def _cell_index(

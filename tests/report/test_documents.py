@@ -22,7 +22,7 @@ from quantify_client.errors import CrsError
 from quantify_client.report import geojson, to_json
 from quantify_client.report.csvout import write_slices
 
-from . import surveys
+from . import scalings, surveys
 
 DOCUMENT_KEYS = (
     "schema source crs length_unit shape method grid_scale_factor scale results warnings provenance"
@@ -33,29 +33,6 @@ RESULT_KEYS = (
     "coverage points_used points_left_out slice_height_m slices mass_t mass_std_t base checks "
     "warnings"
 ).split()
-SCALE = {
-    "factor": 1.0123,
-    "std": 0.0004,
-    "transform": np.eye(4).tolist(),
-    "mode": "scale",
-    "target_crs": None,
-    "observations": [
-        {
-            "kind": "distance",
-            "from": "A",
-            "to": "B",
-            "observed": 5.879,
-            "adjusted": 5.88,
-            "residual": 0.001,
-            "sigma": 0.005,
-            "redundancy": 0.4,
-            "outlier": False,
-        }
-    ],
-    "check_rms_m": None,
-    "rms_m": 0.002,
-    "warnings": [],
-}
 
 
 def schema() -> Dict[str, Any]:
@@ -82,7 +59,9 @@ def test_keys_are_those_of_the_design() -> None:
     [
         surveys.everything(),
         surveys.measurement(surveys.body(), shape="object", method="polar", crs=None),
-        surveys.measurement(scale=SCALE, length_unit="unknown", grid_scale_factor=None),
+        surveys.measurement(
+            scale=scalings.everything(), length_unit="unknown", grid_scale_factor=None
+        ),
     ],
 )
 def test_documents_follow_the_schema(measurement: Any) -> None:

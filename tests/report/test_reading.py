@@ -17,7 +17,7 @@ from quantify_client.report.htmlout import render_html
 from quantify_client.report.units import MINUS, NOTHING, THIN_SPACE, display_units, fixed, number
 from quantify_client.report.words import coverage_words, printable, slug
 
-from . import surveys
+from . import scalings, surveys
 
 
 @pytest.mark.parametrize(
@@ -181,7 +181,7 @@ def test_nothing_from_outside_becomes_markup(bad: str, tmp_path: Path) -> None:
         shape=bad,
         method=bad,
         provenance={"options": {"area": bad}, bad: bad},
-        scale={"factor": 1.0, "std": 0.1, "mode": bad},
+        scale=scalings.everything(name=bad),
     )
     html = page(measurement, tmp_path)
     tags = Tags()

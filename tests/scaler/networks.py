@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Optional
+import math
+from dataclasses import dataclass, replace
+from typing import FrozenSet, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from quantify_client.scaler.adjust import Adjustment
 from quantify_client.scaler.network import Network
 
 SCALE = 1.0 / 0.83
@@ -16,6 +18,8 @@ SCALE = 1.0 / 0.83
 
 @dataclass(frozen=True)
 class Survey:
+    """What was observed, and the truth; `rotation` brings the ground to the cloud."""
+
     network: Network
     points: np.ndarray
     rotation: np.ndarray
@@ -75,3 +79,71 @@ def survey(
         higher=np.zeros(len(ends), dtype=np.int64),
     )
     return Survey(network, truth, turn, 1.0 / shrink)
+
+
+class Tape(NamedTuple):
+    """A length between two points by name."""
+
+    first: str
+    second: str
+    length: float
+    sigma: float = 0.005
+    bar: bool = False
+    check: bool = False
+    higher: str = ""
+
+
+def network_of(
+    names: str,
+    tapes: Sequence[Tape] = (),
+    *,
+    horizontal: Optional[Mapping[str, Sequence[float]]] = None,
+    gps: float = 3.0,
+    elevation: Optional[Mapping[str, float]] = None,
+    level: float = 0.02,
+    cloud: Optional[Mapping[str, Sequence[float]]] = None,
+    pick: float = 0.01,
+    radius: float = math.inf,
+) -> Network:
+    """A network by hand; names are single letters."""
+    nothing = [math.nan] * 3
+    return Network(
+        names=tuple(names),
+        horizontal=np.array([(horizontal or {}).get(n, nothing[:2]) for n in names], dtype=float),
+        horizontal_sigma=np.full(len(names), gps),
+        elevation=np.array([(elevation or {}).get(n, math.nan) for n in names], dtype=float),
+        elevation_sigma=np.full(len(names), level),
+        cloud=np.array([(cloud or {}).get(n, nothing) for n in names], dtype=float),
+        cloud_covariance=np.tile(pick**2 * np.eye(3), (len(names), 1, 1)),
+        ends=np.array([[names.index(t.first), names.index(t.second)] for t in tapes], np.int64)
+        .reshape(-1, 2),
+        length=np.array([t.length for t in tapes], dtype=float),
+        length_sigma=np.array([t.sigma for t in tapes], dtype=float),
+        bar=np.array([t.bar for t in tapes], dtype=bool),
+        check=np.array([t.check for t in tapes], dtype=bool),
+        higher=np.array([{t.second: 1, t.first: -1}.get(t.higher, 0) for t in tapes], np.int64),
+        radius_m=radius,
+    )
+
+
+def with_two_gross_errors(network: Network, seed: int) -> Tuple[Network, Set[int]]:
+    """0.5 m, too long or too short, in two lengths at random; of every third seed at one point."""
+    generator = np.random.default_rng(1000 + seed)
+    first = int(generator.integers(len(network.ends)))
+    touching = np.isin(network.ends, network.ends[first]).any(axis=1)
+    others = np.flatnonzero(touching if seed % 3 == 0 else np.ones_like(touching))
+    second = int(generator.choice(others[others != first]))
+    length = network.length.copy()
+    length[[first, second]] += 0.5 * generator.choice([-1.0, 1.0], 2)
+    return replace(network, length=length), {first, second}
+
+
+def outliers(found: Adjustment) -> Set[Tuple[str, int]]:
+    """What was left out: kind, and which point or length."""
+    rows = [int(np.argmax(found.model.group == group)) for group in found.outliers]
+    return {(str(found.model.kind[row]), int(found.model.index[row])) for row in rows}
+
+
+def touching(network: Network, point: int) -> List[FrozenSet[int]]:
+    """The lengths that end at a point, by their ends."""
+    return [frozenset(pair) for pair in network.ends.tolist() if point in pair]

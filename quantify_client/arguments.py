@@ -1,0 +1,157 @@
+"""The command line's options: what each is called, takes and means."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+from typing import Any, Callable, Tuple, Union
+
+from .scaler.fit import MODES
+
+__all__ = ["SOURCE", "VOLUME", "add_gcp", "add_measuring", "add_output", "add_scale"]
+
+VOLUME = (
+    "Measures cut, fill and net of terrain above a base, or (--shape object) the volume of a body "
+    "whose surface the cloud covers. Options of lengths are in metres."
+)
+SOURCE = (
+    ".laz .las .copc.laz .ply .csv .xyz .txt, an ept.json, an ODM project folder, an all.zip, or "
+    "several tiles of one survey"
+)
+
+
+_MODES = (
+    "only the size, also heading and place (shift), or everything (full); auto: what the cloud "
+    "needs and the control can tell"
+)
+
+
+def add_scale(parser: argparse.ArgumentParser) -> None:
+    """Add what the scale command takes."""
+    add = parser.add_argument
+    add("--gcp", metavar="FILE", required=True, help="control: taped distances, positions, bars")
+    add("--scale-mode", choices=MODES, default="auto", help=_MODES)
+    add("--source-unit", choices=("m", "ft", "us-ft"), help="for a cloud that does not say")
+    add(
+        "--out",
+        type=Path,
+        metavar="FILE.laz",
+        help="the cloud, scaled, with every attribute; a report is written beside it",
+    )
+    _add_shown(parser)
+
+
+def add_gcp(parser: argparse.ArgumentParser) -> None:
+    """Add what the gcp command takes."""
+    add = parser.add_argument
+    add("file", metavar="FILE", help="control file, or ODM's gcp_list.txt")
+    add("--to", choices=("odm",), help="odm: solve the elevations and write a gcp_list.txt")
+    add("--out", type=Path, metavar="FILE", help="with --to (default gcp_list.txt)")
+    _add_shown(parser)
+
+
+def add_measuring(parser: argparse.ArgumentParser) -> None:
+    """Add what decides a measurement."""
+    add = parser.add_argument
+    add("--area", metavar="FILE", help="polygons (GeoJSON); one result for each")
+    add("--shape", choices=("auto", "object", "terrain"), default="auto")
+    add(
+        "--method",
+        choices=("section", "polar"),
+        help="object: sections of any body (default), or the paper's slices",
+    )
+    add("--slices", type=_slices, default="auto", metavar="auto|N", help="number of slices")
+    add("--slice-height", type=_length, metavar="LENGTH", help="height of the slices")
+    add(
+        "--base",
+        type=_base,
+        metavar="triangulate|plane|average|lowest|highest|ELEVATION|compare",
+        help="terrain: the surface that volumes are measured from (default triangulate)",
+    )
+    add("--hollow", action="store_true", help="object: what would hold water is void, not solid")
+    add(
+        "--max-gap",
+        type=_length,
+        metavar="LENGTH",
+        help="object: widest opening in the surface to be closed (default: found from the cloud)",
+    )
+    add(
+        "--floor",
+        type=_base,
+        default="auto",
+        metavar="auto|none|plane|Z",
+        help="object: what it stands on; the ground is left out and the body closed there",
+    )
+    add(
+        "--gcp", metavar="FILE", help="control: set the cloud's size right by taped distances first"
+    )
+    add("--scale-mode", choices=MODES, default="auto", help="with --gcp: what is set right")
+    add(
+        "--area-frame",
+        choices=("cloud", "control"),
+        default="cloud",
+        help="with --gcp: areas and elevations are those of the delivered cloud and move with it "
+        "(default), or were surveyed like the control",
+    )
+    add("--center-caps", action="store_true", help="polar: end slabs centred on the end points")
+    add("--grid", action="store_true", help="no grid-to-ground correction")
+    add("--source-unit", choices=("m", "ft", "us-ft"), help="for a cloud that does not say")
+    add("--density", type=_density, metavar="T_PER_M3[:SIGMA]", help="adds tonnes")
+    add(
+        "--threads", type=_threads, default=0, metavar="N", help="default: the processor's, up to 4"
+    )
+
+
+def add_output(parser: argparse.ArgumentParser) -> None:
+    """Add what becomes of a measurement."""
+    add = parser.add_argument
+    add("--out", type=Path, metavar="DIR", help="report, slices, polygons and pictures go here")
+    _add_shown(parser)
+
+
+def _add_shown(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("--json", action="store_true", help="one JSON document on stdout")
+    add("--units", choices=("metric", "us"), default="metric", help="of what people read")
+
+
+def _slices(text: str) -> Union[str, int]:
+    return text if text == "auto" else _checked(int, text, "auto or a whole number")
+
+
+def _base(text: str) -> Union[str, float]:
+    try:
+        value = float(text)
+    except ValueError:
+        return text
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"{text!r} is no elevation")
+    return value
+
+
+def _length(text: str) -> float:
+    value: float = _checked(float, text, "a length in metres")
+    return value
+
+
+def _threads(text: str) -> int:
+    value: int = _checked(int, text, "a whole number from 1")
+    if not 1 <= value <= 256:
+        raise argparse.ArgumentTypeError(f"{text!r} is not from 1 to 256")
+    return value
+
+
+def _density(text: str) -> Tuple[float, float]:
+    value, _, sigma = text.partition(":")
+    spread: float = _checked(float, sigma or "0", "T_PER_M3[:SIGMA]")
+    if not 0 <= spread < math.inf:
+        raise argparse.ArgumentTypeError(f"sigma {sigma!r} is not 0 or more")
+    return _checked(float, value, "T_PER_M3[:SIGMA]"), spread
+
+
+def _checked(kind: Callable[[str], Any], text: str, expected: str) -> Any:
+    try:
+        return kind(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not {expected}") from None
