@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from pathlib import Path
 from typing import Dict, List, Optional, Tuple, Union
 
@@ -21,8 +22,11 @@ from .site import free_site, height_notes
 
 __all__ = ["convert_control"]
 
-#: An elevation known no better than this is told: OpenDroneMap takes every one as exact.
+#: An elevation known no better than this is told: OpenDroneMap takes every one as exact ...
 _POOR_M = 0.5
+
+#: ... and known no better than this it would bend the model, and is left out.
+_USELESS_M = 3.0
 
 
 def convert_control(
@@ -104,7 +108,7 @@ def _points(
     out = []
     for i, name in enumerate(network.names):
         east, north, up = (float(value) for value in found.points[i])
-        if not (math.isfinite(up) and network.placed[i]):
+        if not (math.isfinite(up) and network.placed[i]) or found.std[i, 2] > _USELESS_M:
             continue
         std = (float(found.std[i, 0]), float(found.std[i, 1]), float(found.std[i, 2]))
         miss = found.points[i, :2] - network.horizontal[i]
@@ -133,6 +137,12 @@ def _remarks(control: Control, found: Elevations, solved: List[ControlledPoint])
         told = "the site's height" if control.height_m is not None else "no 'height' is given"
         out.append(
             f"elevations are relative: that of {found.reference} is taken as {level:g} m ({told})"
+        )
+    if not solved:
+        raise ControlError(
+            f"no elevation could be solved to better than {_USELESS_M:g} m, and OpenDroneMap takes "
+            "each as exact; taped slopes need accurate positions (RTK): scale the cloud afterwards "
+            "instead (quantify-client scale), which needs no elevations"
         )
     poor = [p for p in solved if p.std[2] > _POOR_M]
     if poor:
@@ -180,6 +190,12 @@ def _judged(control: Control, network: Network) -> Tuple[List[str], List[str]]:
     reached = bool(control.cloud or control.picks)
     lengths, unknown = len(network.spans()), int((network.placed & ~network.levelled).sum())
     std = _gps_scale_std(network)
+    seen = Counter(pick.name for pick in control.picks)
+    single = [name for name, number in seen.items() if number == 1 and name not in control.cloud]
+    if single:
+        cannot.append(
+            f"a place in the cloud for {', '.join(single[:6])}: picked in one photograph only"
+        )
     if lengths and reached:
         can.append(f"the scale of a cloud, from {lengths} measured lengths")
     elif std is not None and reached:

@@ -61,7 +61,7 @@ def print_scaling(scaling: Scaling, console: Console, units: str = "metric") -> 
         say(console, source_words(scaling))
     if contradicted(scaling):
         say(console, f"{MARKS['bad']} Conflict: {scaling.conflict}", STYLES["bad"])
-    elif scaling.conflict:
+    else:
         say(console, f"{MARKS['good']} {conflict_words(scaling)}", STYLES["good"])
     _print_observations(scaling, console, shown)
     _print_heights(scaling, console)

@@ -49,7 +49,6 @@ MODE_WORDS = {
 # A letter for each grade, so that colour is never all there is.
 MARKS = {"good": "\u2713", "doubtful": "?", "bad": "\u2717", "open": "\u25cb"}
 COMPONENTS = {"east": "E", "north": "N"}
-CALM = "nothing contradicts"  # how a conflict begins that is none
 SMALL = 1e-3  # a relative error below it is also told in parts per million
 
 
@@ -86,12 +85,12 @@ def source_words(scaling: Scaling) -> str:
 
 def conflict_words(scaling: Scaling) -> str:
     """Return the largest contradiction, as a sentence without its full stop."""
-    return _sentence(scaling.conflict)
+    return _sentence(scaling.conflict or "nothing contradicts the rest")
 
 
 def contradicted(scaling: Scaling) -> bool:
-    """Return whether anything contradicts the rest: the words may also say that nothing does."""
-    return bool(scaling.conflict) and not scaling.conflict.lower().startswith(CALM)
+    """Return whether anything contradicts the rest."""
+    return bool(scaling.conflict)
 
 
 def _sentence(words: str) -> str:

@@ -90,15 +90,12 @@ def _disagreement(found: Adjustment, group: int) -> Tuple[int, float, float]:
 
 
 def conflict(found: Adjustment) -> str:
-    """Say which observation contradicts the rest the most; empty when nothing controls any."""
+    """Say which observation contradicts the rest the most; empty when none does."""
     excess = found.excess
-    if not len(excess) or float(excess.max()) <= 0.0:
+    if not len(excess) or float(excess.max()) <= 1.0:
         return ""
     row, metres, sigmas = _disagreement(found, int(np.argmax(excess)))
-    said = f"{_title(found, row)} disagrees with the rest by {metres:.3f} m, {sigmas:.1f} sigma"
-    if float(excess.max()) <= 1.0:
-        return f"nothing contradicts the rest; the most, {said}"
-    return said
+    return f"{_title(found, row)} disagrees with the rest by {metres:.3f} m, {sigmas:.1f} sigma"
 
 
 def carried_by(found: Adjustment) -> str:
@@ -125,9 +122,9 @@ def carried_by(found: Adjustment) -> str:
     helping = [noun for share, _, noun in shares[1:] if share >= _SLIGHT]
     idle = [noun for share, _, noun in shares[1:] if share < _SLIGHT]
     if helping:
-        text += f"; {' and '.join(helping)} help"
+        text += f"; beside {' and '.join(helping)}"
     if idle:
-        text += f"; {' and '.join(idle)} add next to nothing"
+        text += f"; next to nothing from {' and '.join(idle)}"
     return text
 
 
@@ -140,6 +137,7 @@ def judgements(found: Adjustment) -> List[str]:
             f"{_title(found, row)} disagrees with the rest by {metres:.2f} m, {sigmas:.0f} sigma, "
             "and was left out; measure it again"
         )
+    out += _or_the_point(found)
     for kind, factor in found.raised.items():
         out.append(
             f"{_KINDS[kind]}s fit {factor:.1f} times worse than their accuracies say: these were "
@@ -156,6 +154,25 @@ def judgements(found: Adjustment) -> List[str]:
             out.append(
                 f"{names[0]}-{names[1]}: {noted} was noted to be higher, but {seen} is by "
                 f"{abs(rise):.2f} m; correct the note, or look whether the points are swapped"
+            )
+    return out
+
+
+def _or_the_point(found: Adjustment) -> List[str]:
+    """Name points whose own place may be what is wrong, rather than the lengths that end there."""
+    model, network = found.model, found.model.network
+    lengths = np.flatnonzero(np.isin(model.kind, ("distance", "scale_bar")))
+    lengths = lengths[~network.check[model.index[lengths]]]
+    out = []
+    for point in np.flatnonzero(network.clouded):
+        mine = lengths[(network.ends[model.index[lengths]] == point).any(axis=1)]
+        bad = int((~found.active[mine]).sum())
+        # One length can be met by a point that is wrong across it: it does not speak for the point.
+        if bad and len(mine) - bad <= 1:
+            name = network.names[point]
+            out.append(
+                f"{bad} of the {len(mine)} lengths that end at {name} were left out: it may be "
+                f"{name} that is not where the cloud was said to have it"
             )
     return out
 

@@ -56,7 +56,7 @@ class Adjustment:
     covariance : (size, size) of the unknowns.
     active : (rows,) which rows took part.
     residual : (rows,) adjusted - observed, metres.
-    sigma : (rows,) as used.
+    sigma : (rows,) as used; of what took no part that of its difference from the rest.
     redundancy : (rows,) 0 to 1; of rows that took no part NaN.
     statistic : (groups,) squared residual against its own covariance; NaN where uncontrolled.
     excess : (groups,) the statistic / what it may be; 0 where uncontrolled.
@@ -214,7 +214,7 @@ class _Judge:
             covariance=covariance,
             active=used,
             residual=raw,
-            sigma=model.sigma() / less,
+            sigma=np.hypot(model.sigma() / less, np.where(used, 0.0, model.spread(covariance))),
             redundancy=np.where(used, np.clip(1.0 - known, 0.0, 1.0), np.nan),
             statistic=statistic,
             excess=excess,

@@ -113,7 +113,8 @@ def _by_tapes(network: Network, reference: str) -> Elevations:
 
 
 def _both(network: Network, known: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    both: npt.NDArray[np.bool_] = known[network.ends].all(axis=1)
+    ends = known[network.ends]
+    both: npt.NDArray[np.bool_] = ends[:, 0] & ends[:, 1]
     return both
 
 

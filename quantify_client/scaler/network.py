@@ -211,6 +211,12 @@ class Model:
             ]
         )
 
+    def spread(self, covariance: FloatArray) -> FloatArray:
+        """(rows,) standard deviations of what the observations should be."""
+        rows = self.jacobian(np.zeros(self.size))
+        variance = np.einsum("ij,jk,ik->i", rows, covariance, rows)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
     def computed(self, unknowns: FloatArray) -> FloatArray:
         """(rows,) what the observations should be."""
         net, now = self.network, self.state(unknowns)

@@ -20,7 +20,8 @@ class ScaleObservation:
     component : ``"east"`` or ``"north"`` (gps), ``"x"``, ``"y"`` or ``"z"`` (cloud); else None.
     names : the point, or the two ends of a length.
     residual : adjusted - observed.
-    sigma : standard deviation given for it (raised where its kind turned out to be worse).
+    sigma : standard deviation given for it (raised where its kind turned out to be worse); of a
+        check or an outlier that of its difference from the rest.
     redundancy : from 0 (nothing else controls it) to 1; None where it is left out of the fit.
     carries : share of what is known of the scale that would be lost without it, 0 to 1; None
         where it is left out of the fit.

@@ -23,7 +23,7 @@ from .terrain import Recipe, measure_terrain
 __all__ = ["measure_area"]
 
 #: An area of more cells than this is measured once.
-_FEW_CELLS = 3000
+_FEW_CELLS = 10_000
 
 #: Where the cells begin, as shares of a cell.
 _PLACES = ((0.5, 0.5), (0.5, 0.0), (0.0, 0.5))

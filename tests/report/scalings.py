@@ -191,8 +191,7 @@ def crowd(count: int = 100, spread: Tuple[float, float] = (180.0, 120.0)) -> Sca
     return scaling(
         mode="full", target_crs="EPSG:32615", observations=observed,
         points=controlled(at, observed), carried_by="the scale comes from 99 tapes",
-        conflict="nothing contradicts the rest; the most, tape A1-B1 disagrees with the rest by "
-        "0.014 m, 2.8 sigma", rms_m=0.006,
+        conflict="", rms_m=0.006,
     )  # fmt: skip
 
 
