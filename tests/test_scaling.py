@@ -1,10 +1,9 @@
-"""Clouds of the wrong size, measured with control: true volumes, and what the scale's error adds."""
+"""Clouds of the wrong size: control gives true volumes, and its error their budget."""
 
 from __future__ import annotations
 
 import json
 import math
-import zipfile
 from pathlib import Path
 
 import laspy
@@ -17,11 +16,9 @@ from clouds import ORIGIN, write_las
 from scipy.spatial.transform import Rotation
 from shapely.geometry import mapping, shape
 from solids import sphere
-from terrains import CLEAN, cone, flat, survey, tilted
+from terrains import CLEAN, cone, placed, survey, tilted
 
 from quantify_client import AreaResult, measure, scale
-from quantify_client.crs import geometry_to_wgs84, measuring_frame
-from quantify_client.errors import ControlError, QuantifyError, UsageError
 
 DEMO = Path(__file__).parents[1] / "quantify_client" / "demo"
 PILE = cone(radius=8.0, top=4.0).on(tilted)
@@ -142,32 +139,31 @@ def test_the_scales_share_is_three_times_its_own(points, tmp_path):
 
 
 def test_surveyed_areas_take_the_scales_share_by_derivative(tmp_path):
-    # A plane tilted towards one side, against a surveyed level: V = A (z - level), and a larger
-    # scale about the control's middle changes z there by (z - middle), in a fixed area A.
-    def slope(x, y):
-        return 0.2 * x
+    """On a step a fixed area A holds V = A (m + s (z - m) - level), m being the control's middle.
 
-    points = survey(slope, CLEAN, 60_000)
-    truth = sized.marks(slope)
-    gcp = sized.write(tmp_path / "c.json", sized.control(truth, truth, tapes=1, gps=0.02, levels=4))
-    outline = shapely.box(530.0 - 20, 0, 530.0, 1)  # replaced below by one on the site
-    outline = shapely.transform(
-        shapely.box(24, 10, 34, 30), lambda xy: xy + [sized.EAST, sized.NORTH]
-    )
+    The derivative is A (z - m): here much less than the 3 V of an area that grows along.
+    """
+
+    def step(x, y):
+        return np.where(x > 15.0, 4.0, 0.0)
+
+    truth = sized.marks(step)
+    asked = sized.control(truth, truth, tapes=1, gps=0.02, levels=8)
+    gcp = sized.write(tmp_path / "control.json", asked)
+    outline = placed(shapely.box(24, 10, 34, 30))
     measurement = measure(
-        place(tmp_path, points),
+        place(tmp_path, survey(step, CLEAN, 60_000)),
         area=drawn(outline),
         gcp=gcp,
         base=sized.LEVEL + 1.0,
         area_frame="control",
     )
     ratio = measurement.scale.std / measurement.scale.factor
-    middle = truth.mean(axis=0)
+    middle = truth[:, 2].mean() - sized.LEVEL
     area = 200.0 / sized.ground_factor() ** 2
-    # d/ds of z at a fixed place: the surface there is a point s nearer to the middle.
-    height = 0.2 * (middle[0] - sized.EAST) - (middle[2] - sized.LEVEL)
-    assert height == pytest.approx(0.0, abs=1e-6)  # the marks are on the plane: scaling keeps it
-    assert item(one(measurement)).std_m3 < 0.3 * 3 * ratio * area * 4.8
+    found = item(one(measurement))
+    assert found.std_m3 == pytest.approx(ratio * area * (4.0 - middle), rel=0.02)
+    assert found.std_m3 < 0.5 * 3 * ratio * one(measurement).volume_m3
 
 
 # --- a cloud in a frame of its own

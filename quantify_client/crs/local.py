@@ -1,4 +1,4 @@
-"""East, north and up in metres on the ground about one place: neither a grid's lengths nor a sphere's.
+"""East, north and up in metres on the ground about one place.
 
 A tangent plane at the site's own height: a taped length is a length in it. The site's height
 matters: 100 m at 2000 m above the ellipsoid are 3 cm longer than their shadow on it.

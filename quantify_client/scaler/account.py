@@ -85,16 +85,26 @@ def _disagreement(found: Adjustment, group: int) -> Tuple[int, float, float]:
     residual = float(np.linalg.norm(found.residual[rows]))
     if found.active[rows].all():
         # Its own weight has pulled the result towards it: without that it would be further off.
-        residual /= max(float(np.nanmean(found.redundancy[rows])), 1e-3)
+        # (Of one number this is residual / redundancy.)
+        variance = float((found.sigma[rows] ** 2).mean())
+        residual = float(found.statistic[group]) * variance / max(residual, 1e-12)
     return int(rows[0]), residual, math.sqrt(float(found.statistic[group]))
 
 
 def conflict(found: Adjustment) -> str:
-    """Say which observation contradicts the rest the most; empty when none does."""
-    excess = found.excess
+    """Say which observation contradicts the rest the most; empty when none does.
+
+    By the accuracies that were given: that they were raised does not settle it.
+    """
+    kinds = found.model.kind[np.unique(found.model.group, return_index=True)[1]]
+    raised = np.array([found.raised.get(str(kind), 1.0) for kind in kinds])
+    excess = found.excess * raised**2
     if not len(excess) or float(excess.max()) <= 1.0:
         return ""
-    row, metres, sigmas = _disagreement(found, int(np.argmax(excess)))
+    # A length and the marks at its ends may say the same: the length can be measured again.
+    group = int(np.argmax(excess * np.where(np.isin(kinds, ("distance", "scale_bar")), 1.02, 1.0)))
+    row, metres, sigmas = _disagreement(found, group)
+    sigmas *= raised[group]
     return f"{_title(found, row)} disagrees with the rest by {metres:.3f} m, {sigmas:.1f} sigma"
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Dict, Mapping, Sequence, Set, Tuple
+from typing import Dict, List, Mapping, Sequence, Set, Tuple
 
 import numpy as np
 import numpy.typing as npt
@@ -249,7 +249,8 @@ class _Judge:
     def _leave_out(self, found: Adjustment) -> bool:
         """Leave out the group that fits worst, if it does not fit and is told from the others.
 
-        Where either of two could be wrong, the other fits as soon as one of them is left out.
+        Where either of two could be wrong, the other fits as soon as one of them is left out. Of a
+        point and its only tape it is the tape then: to all else that is the same.
         """
         excess = found.excess.copy()
         excess[list(self._out)] = 0.0
@@ -259,6 +260,8 @@ class _Judge:
         if excess[worst] <= 1.0 or not self._may_leave(worst, sorted(self._out)):
             return False
         for rival in map(int, order[1:][excess[order[1:]] > (1.0 - _SAME) * excess[worst]]):
+            if worst in self._lengths_at(rival, found) or rival in self._lengths_at(worst, found):
+                continue
             both = found.gain([worst, rival])
             ways = ((worst, rival), (rival, worst))
             if all((both - found.gain([a])) * excess[b] <= found.statistic[b] for a, b in ways):
@@ -273,12 +276,8 @@ class _Judge:
         Two wrong tapes that end at one point look like one point that is wrong: what leaves out
         fewer numbers is believed.
         """
-        model, kept = self._model, set(self._out)
-        lengths = np.isin(model.kind, ("distance", "scale_bar")) & found.active
-        ends = model.network.ends[model.index[lengths]]
-        touching = (ends == model.index[model.group == group][0]).any(axis=1)
-        near = [int(length) for length in model.group[lengths][touching] if length != group]
-        for count in range(1, int((model.group == group).sum())):
+        near, kept = self._lengths_at(group, found), set(self._out)
+        for count in range(1, int((self._model.group == group).sum())):
             if count > len(near):
                 break
             best = max(combinations(near, count), key=found.gain)
@@ -291,22 +290,47 @@ class _Judge:
                 return set(best)
         return set()
 
+    def _lengths_at(self, group: int, found: Adjustment) -> List[int]:
+        """Return the lengths used that end at the point that a group is of; none of a length."""
+        model = self._model
+        mine = model.group == group
+        lengths = np.isin(model.kind, ("distance", "scale_bar")) & found.active
+        if self._kind_of(group) not in ("gps", "cloud"):
+            return []
+        touching = (model.network.ends[model.index[lengths]] == model.index[mine][0]).any(axis=1)
+        return [int(length) for length in model.group[lengths][touching]]
+
     def _raise(self, found: Adjustment) -> bool:
-        """Raise the sigmas of the kind whose residuals are least what they should be."""
-        model, worst, factor = self._model, "", 1.0
+        """Raise the sigmas of the kind whose residuals are least what they should be.
+
+        Kinds with less than one observation too many are not told from each other: two scale bars
+        that disagree, or the picks at their ends. They are raised together.
+        """
+        model = self._model
+        sums: Dict[Tuple[str, ...], Tuple[float, float]] = {}
+        few: Dict[str, Tuple[float, float]] = {}
         white = model.whiten(found.residual) * _lessening(model, self._raised)
         for kind in np.unique(model.kind):
             rows = (model.kind == kind) & found.active
-            freedom = float(np.nansum(found.redundancy[rows]))
-            total = float(white[rows] @ white[rows])
-            if freedom >= 1.0 and total > chi2.ppf(1.0 - _LEVEL_OF_KINDS, freedom):
+            freedom, total = (
+                float(np.nansum(found.redundancy[rows])),
+                float((white[rows] ** 2).sum()),
+            )
+            if freedom >= 1.0:
+                sums[(str(kind),)] = freedom, total
+            elif total > freedom:
+                few[str(kind)] = freedom, total
+        sums[tuple(few)] = sum(f for f, _ in few.values()), sum(t for _, t in few.values())
+        worst: Tuple[str, ...] = ()
+        factor = 1.001
+        for kinds, (freedom, total) in sums.items():
+            if total > chi2.ppf(1.0 - _LEVEL_OF_KINDS, max(freedom, 1.0)):
                 ratio = float(np.sqrt(total / freedom))
                 if ratio > factor:
-                    worst, factor = str(kind), ratio
-        if not worst or factor < 1.001:
-            return False
-        self._raised[worst] = self._raised.get(worst, 1.0) * factor
-        return True
+                    worst, factor = kinds, ratio
+        for kind in worst:
+            self._raised[kind] = self._raised.get(kind, 1.0) * factor
+        return bool(worst)
 
 
 def _covariance(rows: FloatArray) -> FloatArray:

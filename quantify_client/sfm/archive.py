@@ -183,7 +183,7 @@ def _sidecars(members: Sequence[zipfile.ZipInfo], chosen: zipfile.ZipInfo) -> Li
 def _cameras(
     members: Sequence[zipfile.ZipInfo], chosen: zipfile.ZipInfo
 ) -> List[Tuple[str, zipfile.ZipInfo]]:
-    """Find what tells of the photographs, in the same project as the model; oversized is ignored."""
+    """Find what tells of the photographs, in the model's own project; oversized is ignored."""
     root = _parts(chosen)[:-2]
     found = {"/".join(_parts(m)[len(root) :]): m for m in members if _parts(m)[: len(root)] == root}
     return [

@@ -1,8 +1,8 @@
 """A small area measured in several placements of its cells, so that none of them decides.
 
 Where the cells happen to begin changes the volume of a few hundred of them by half a percent: a
-wall's cells get their heights from points on either side of it. Placements half a cell apart share little
-of that, and the mean of four has a third of it. Large areas need none of this.
+wall's cells get their heights from points on either side of it. Placements half a cell apart share
+little of that, and the mean of four has a fifth of it. Large areas need none of this.
 """
 
 from __future__ import annotations
