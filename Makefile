@@ -21,6 +21,10 @@ PYTHON39 ?= $(shell for p in python3.9 $(HOME)/.pyenv/versions/3.9*/bin/python3.
 	print(sys.executable)' 2>/dev/null && break; done)
 OLD_PINS := numpy==1.26.2 scipy==1.11.3
 
+# Tests run side by side; threads of the linear algebra beside them would only wait for each other.
+export OMP_NUM_THREADS ?= 1
+export OPENBLAS_NUM_THREADS ?= 1
+
 .PHONY: demo test lint lint39 format suite suite39 say39 clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
