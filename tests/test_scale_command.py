@@ -11,6 +11,7 @@ from pathlib import Path
 import jsonschema
 import laspy
 import numpy as np
+import pyproj
 import pytest
 import sized
 import yaml
@@ -303,6 +304,37 @@ def test_a_photograph_that_is_not_in_the_project_is_refused(photographed, run, t
     status, _, err = run("scale", photographed, "--gcp", tmp_path / "control.yaml")
     assert (status, err.count("\n")) == (1, 1)
     assert "DJI_" in err
+
+
+def test_what_odm_made_of_its_control_points_will_do(project, run, tmp_path, marks):
+    """Without places or picks, ODM's own record of the points it was given: surveyed + error."""
+    task = tmp_path / "task"
+    shutil.copytree(project, task)
+    lonlat = pyproj.Transformer.from_crs("EPSG:32615", 4326, always_xy=True)
+    surveyed = marks - [0.3, -0.2, 0.1]
+    document = sized.control(marks, None, gps=3.0)
+    features = [
+        {
+            "type": "Feature",
+            "properties": {"id": name, "error": [0.3, -0.2, 0.1], "observations": []},
+            "geometry": {
+                "type": "Point",
+                "coordinates": [*lonlat.transform(place[0], place[1]), place[2]],
+            },
+        }
+        for name, place in zip(sized.names_of(marks), surveyed)
+    ]
+    (task / "odm_georeferencing" / "ground_control_points.geojson").write_text(
+        json.dumps({"type": "FeatureCollection", "features": features})
+    )
+    (tmp_path / "control.yaml").write_text(yaml.safe_dump(document))
+    status, out, err = run("scale", task, "--gcp", tmp_path / "control.yaml", "--json")
+    assert (status, err) == (0, "")
+    found = json.loads(out)["scale"]
+    assert any("no independent check" in warning for warning in found["warnings"])
+    # ODM's clouds are metric at their own height: this one is as its grid has it
+    height = sized.LEVEL / 6.38e6
+    assert found["factor"] == pytest.approx(1.0 - height, abs=4 * found["std"])
 
 
 # --- gcp

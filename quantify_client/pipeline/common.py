@@ -116,15 +116,20 @@ def measurement_of(
 
 
 def provenance(
-    source: Source, options: Options, started: datetime, seconds: float
+    source: Source,
+    options: Options,
+    started: datetime,
+    seconds: float,
+    only: Optional[Sequence[str]] = None,
 ) -> Mapping[str, Any]:
-    """Return what a result was made of: version, options, input, when and how long."""
+    """Return what a result was made of: version, options (or some of them), input, how long."""
     plain = replace(options, area=None, gcp=None)
     given = {k: v for k, v in asdict(plain).items() if v is not None}
     for name in ("area", "gcp"):
         value = getattr(options, name)
         if value is not None:
             given[name] = str(value) if isinstance(value, (str, Path)) else "given as an object"
+    given = {key: value for key, value in given.items() if only is None or key in only}
     try:
         version = metadata.version("quantify-client")
     except metadata.PackageNotFoundError:

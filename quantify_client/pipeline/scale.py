@@ -18,6 +18,9 @@ from .placing import Placement, place_cloud
 
 __all__ = ["scale"]
 
+#: What of the options decides a scale.
+_OPTIONS = ("gcp", "scale_mode", "source_unit")
+
 
 def scale(
     *sources: Union[str, Path],
@@ -60,7 +63,7 @@ def scale(
         scaling=placement.scaling,
         out=None if out is None else str(out),
         warnings=tuple(warnings),
-        provenance=provenance(source, options, started, seconds),
+        provenance=provenance(source, options, started, seconds, only=_OPTIONS),
     )
 
 
