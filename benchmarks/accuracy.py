@@ -27,7 +27,8 @@ from shapely.geometry import Polygon, box
 
 from quantify_client.types import FloatArray, Window
 from quantify_client.volcalc.accumulate import TerrainAccumulator, plan_windows
-from quantify_client.volcalc.terrain import Recipe, measure_terrain
+from quantify_client.volcalc.placements import measure_area
+from quantify_client.volcalc.terrain import Recipe
 
 SIDE, MIDDLE = 40.0, 20.0
 EAST, NORTH, LEVEL = 500_000.0, 5_000_000.0, 100.0
@@ -131,7 +132,7 @@ def ours(points: FloatArray, outline: Polygon) -> tuple[float, float]:
     windows = plan_windows([Window(*outline.bounds)], whole, POINTS)
     accumulator = TerrainAccumulator(windows, POINTS)
     accumulator.absorb(accumulator.reduce(*points))
-    result = measure_terrain(
+    result = measure_area(
         "area",
         outline,
         accumulator.heights.voxels(),

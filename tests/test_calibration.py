@@ -12,7 +12,8 @@ from shapely.geometry import Point, Polygon, box
 
 from quantify_client.types import AreaResult, Window
 from quantify_client.volcalc.accumulate import TerrainAccumulator, plan_windows
-from quantify_client.volcalc.terrain import Recipe, measure_terrain
+from quantify_client.volcalc.placements import measure_area
+from quantify_client.volcalc.terrain import Recipe
 
 EAST, NORTH, SIDE = 576000.0, 5188000.0, 36.0
 CENTRE = (EAST + SIDE / 2, NORTH + SIDE / 2)
@@ -78,7 +79,7 @@ def _measure(x: np.ndarray, y: np.ndarray, z: np.ndarray, polygon: Polygon) -> A
     windows = plan_windows([Window(*polygon.bounds)], cloud, len(x))
     accumulator = TerrainAccumulator(windows, len(x))
     accumulator.absorb(accumulator.reduce(x, y, z))
-    return measure_terrain(
+    return measure_area(
         "area",
         polygon,
         accumulator.heights.voxels(),
