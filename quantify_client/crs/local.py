@@ -60,14 +60,12 @@ class LocalFrame:
             When a place has no longitude and latitude.
         """
         lon, lat = transform(horizontal_wkt(crs), self.geographic, x, y)
-        local = self._pipeline().transform(lon, lat, np.broadcast_to(height, np.shape(lon)).copy())
-        return np.column_stack([np.atleast_1d(axis) for axis in local])
+        return np.column_stack(self._moved(lon, lat, np.broadcast_to(height, np.shape(lon))))
 
     def from_local(self, enu: FloatArray) -> Tuple[FloatArray, FloatArray, FloatArray]:
         """Return longitudes, latitudes (degrees, on this datum) and heights of (N, 3) places."""
-        east, north, up = enu.T.copy()
-        lon, lat, height = self._pipeline().transform(east, north, up, direction="INVERSE")
-        return np.atleast_1d(lon), np.atleast_1d(lat), np.atleast_1d(height)
+        east, north, up = enu.T
+        return self._moved(east, north, up, direction="INVERSE")
 
     def to_wgs84(self, enu: FloatArray) -> Tuple[FloatArray, FloatArray]:
         """Return longitudes and latitudes on WGS84 of (N, 3) places."""
@@ -91,6 +89,14 @@ class LocalFrame:
         here = local_frame(self.geographic, float(middle[0][0]), float(middle[1][0]), height)
         enu = here.to_local(lon, lat, np.full(4, height), self.geographic)[:, :2]
         return np.column_stack([enu[0] - enu[1], enu[2] - enu[3]]) / (2.0 * _STEP_M)
+
+    def _moved(
+        self, x: FloatArray, y: FloatArray, z: FloatArray, direction: str = "FORWARD"
+    ) -> Tuple[FloatArray, FloatArray, FloatArray]:
+        # As lists: an array of one number is none to pyproj 3.6, and numpy warns of that.
+        xs, ys, zs = (np.atleast_1d(axis).tolist() for axis in (x, y, z))
+        found = self._pipeline().transform(xs, ys, zs, direction=direction)
+        return np.array(found[0]), np.array(found[1]), np.array(found[2])
 
     def _pipeline(self) -> Transformer:
         shape = _shape(self.geographic)

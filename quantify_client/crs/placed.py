@@ -64,9 +64,20 @@ class PlacedFrame(Frame):
             self.heights[1],
         )
         around = _enclosed(back, box)
-        return self.base.window_to_source(
-            Window(around.min_x, around.min_y, around.max_x, around.max_y)
+        more = self._rounding(window, back) + 8.0 * float(
+            np.spacing(max(map(abs, (around.min_x, around.min_y, around.max_x, around.max_y))))
         )
+        return self.base.window_to_source(
+            Window(
+                around.min_x - more, around.min_y - more, around.max_x + more, around.max_y + more
+            )
+        )
+
+    def _rounding(self, window: Window, back: FloatArray) -> float:
+        """Bound what rounding here does to the way back: points on an edge are not to be lost."""
+        there = (*self.heights, *np.array(self.matrix)[:3, 3])
+        edges = (window.min_x, window.min_y, window.max_x, window.max_y)
+        return 8.0 * float(np.spacing(max(map(abs, (*edges, *there)))) * np.abs(back[:3, :3]).sum())
 
     def bounds_to_frame(self, bounds: Bounds) -> Bounds:
         """Enclose bounds of the cloud's own coordinates in bounds of this frame (metres)."""

@@ -6,6 +6,7 @@ data snooping): W. Baarda (1968), A testing procedure for use in geodetic networ
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Dict, List, Mapping, Sequence, Set, Tuple
@@ -32,6 +33,9 @@ _LEVEL_OF_KINDS = 1e-3
 
 #: Of one kind at most this share is called bad; beyond that the kind is less accurate than said.
 _MOST_BAD = 0.25
+
+#: An observation that is wrong is as unlikely as this many e-foldings of the others' sigmas.
+_WRONG = 5.0
 
 #: Below this redundancy nothing controls an observation, and its residual tells nothing.
 _UNCONTROLLED = 1e-4
@@ -115,7 +119,21 @@ def adjust(network: Network, freedom: Freedom, starts: Sequence[State]) -> Adjus
         tried = [_robust(Model(network, freedom, start), _GLANCE) for start in states]
         states = [min(tried, key=lambda found: found[1])[0]]
     state, _ = _robust(Model(network, freedom, states[0]), _LOOK)
-    return _Judge(Model(network, freedom, state)).run()
+    found = _Judge(Model(network, freedom, state)).run()
+    if not (found.outliers or found.raised):
+        return found
+    # Or nothing is wrong, but all of a kind less accurate than said: its tails only look wrong.
+    doubted = _Judge(Model(network, freedom, state), leaving=False).run()
+    return min(found, doubted, key=_surprise)
+
+
+def _surprise(found: Adjustment) -> float:
+    """Return the negative logarithm of how likely it all is, but for a constant."""
+    freedom = {
+        kind: float(np.nansum(found.redundancy[found.model.kind == kind])) for kind in found.raised
+    }
+    raised = sum(freedom[kind] * math.log(factor) for kind, factor in found.raised.items())
+    return 0.5 * found.cost + raised + _WRONG * len(found.outliers)
 
 
 def _robust(model: Model, steps: int) -> Tuple[State, float]:
@@ -173,8 +191,9 @@ def _lessening(model: Model, raised: Mapping[str, float]) -> FloatArray:
 class _Judge:
     """Leaves out what contradicts the rest, takes back what no longer does, and raises sigmas."""
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, model: Model, leaving: bool = True) -> None:
         self._model = model
+        self._leaving = leaving
         self._raised: Dict[str, float] = {}
         self._checks = ~_without_checks(model)
         self._out: Set[int] = set()
@@ -257,7 +276,8 @@ class _Judge:
         excess[np.unique(self._model.group[self._checks])] = 0.0
         order = np.argsort(-excess)
         worst = int(order[0])
-        if excess[worst] <= 1.0 or not self._may_leave(worst, sorted(self._out)):
+        may = self._leaving and self._may_leave(worst, sorted(self._out))
+        if excess[worst] <= 1.0 or not may:
             return False
         for rival in map(int, order[1:][excess[order[1:]] > (1.0 - _SAME) * excess[worst]]):
             if worst in self._lengths_at(rival, found) or rival in self._lengths_at(worst, found):

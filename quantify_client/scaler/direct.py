@@ -79,17 +79,20 @@ def direct_height(
     return replace(made, dz_m=sign * height, std_m=std, note="; ".join(notes))
 
 
-def direct_heights(network: Network, up: Optional[FloatArray] = None) -> List[DirectHeight]:
+def direct_heights(
+    network: Network, up: Optional[FloatArray] = None, *, checks: bool = True
+) -> List[DirectHeight]:
     """Return the paper's step for every length between two points with positions.
 
     Parameters
     ----------
     up : (n,) elevations as the cloud has them, for the sign where nobody noted it; NaN where
         unknown. None when there is no cloud whose vertical is known.
+    checks : also of lengths that are left out of the fit.
     """
     placed, out = network.placed, []
     for number, (start, end) in enumerate(network.ends):
-        if not (placed[start] and placed[end]):
+        if not (placed[start] and placed[end]) or (network.check[number] and not checks):
             continue
         sign = int(network.higher[number])
         if sign == 0 and up is not None and np.isfinite(up[[start, end]]).all():

@@ -82,8 +82,16 @@ def _levelled(network: Network, number: int) -> Network:
 def _with_cloud(network: Network) -> Elevations:
     found = fit(network, "full", georeferenced=False)
     adjusted = found.adjustment
-    reference = "" if network.levelled.any() else network.names[0]
     points, std = adjusted.state.points.copy(), point_std(adjusted)
+    reference = ""
+    if not network.levelled.any():
+        number = int(np.argmax(network.clouded))
+        reference = network.names[number]
+        points[:, 2] -= points[number, 2]
+        ups = 3 * np.arange(len(points)) + 2
+        part = adjusted.covariance[np.ix_(ups, ups)]
+        apart = np.diag(part) + part[number, number] - 2.0 * part[number]
+        std[:, 2] = np.sqrt(np.maximum(apart, 0.0))
     unknown = (std[:, 2] > _UNKNOWN_M) & ~network.clouded
     points[unknown] = np.nan
     notes = [*found.warnings, *judgements(adjusted)]
@@ -108,7 +116,7 @@ def _by_tapes(network: Network, reference: str) -> Elevations:
     adjusted = adjust(used, freedom, starts(used, freedom))
     points, std = adjusted.state.points.copy(), point_std(adjusted)
     points[~solved | (std[:, 2] > _UNKNOWN_M)] = np.nan
-    notes = [*_reasons(network), *judgements(adjusted)]
+    notes = [*_reasons(signed), *judgements(adjusted)]
     return Elevations(points, std, reference, direct_heights(signed), notes)
 
 
@@ -120,7 +128,7 @@ def _both(network: Network, known: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool
 
 def _reached(network: Network) -> FloatArray:
     """(n,) elevations along the paper's pairs from the points whose own are known; else NaN."""
-    pairs, up = direct_heights(network), network.elevation.copy()
+    pairs, up = direct_heights(network, checks=False), network.elevation.copy()
     for number in np.flatnonzero(network.levelled):
         reached = relative_elevations(pairs, network.names[number])
         for other in np.flatnonzero(np.isnan(up)):

@@ -110,7 +110,7 @@ def _level(up: FloatArray) -> float:
 
 def _by_pairs(network: Network, up: FloatArray) -> FloatArray:
     """Fill in elevations along the taped pairs, from where they are known; up where unsigned."""
-    pairs = direct_heights(network, up)
+    pairs = direct_heights(network, up, checks=False)
     known = [network.names[i] for i in np.flatnonzero(np.isfinite(up))]
     references = known or list(network.names[:1])
     out = up.copy()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import FrozenSet, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
+from typing import Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -115,8 +115,9 @@ def network_of(
         elevation_sigma=np.full(len(names), level),
         cloud=np.array([(cloud or {}).get(n, nothing) for n in names], dtype=float),
         cloud_covariance=np.tile(pick**2 * np.eye(3), (len(names), 1, 1)),
-        ends=np.array([[names.index(t.first), names.index(t.second)] for t in tapes], np.int64)
-        .reshape(-1, 2),
+        ends=np.array(
+            [[names.index(t.first), names.index(t.second)] for t in tapes], np.int64
+        ).reshape(-1, 2),
         length=np.array([t.length for t in tapes], dtype=float),
         length_sigma=np.array([t.sigma for t in tapes], dtype=float),
         bar=np.array([t.bar for t in tapes], dtype=bool),
@@ -142,8 +143,3 @@ def outliers(found: Adjustment) -> Set[Tuple[str, int]]:
     """What was left out: kind, and which point or length."""
     rows = [int(np.argmax(found.model.group == group)) for group in found.outliers]
     return {(str(found.model.kind[row]), int(found.model.index[row])) for row in rows}
-
-
-def touching(network: Network, point: int) -> List[FrozenSet[int]]:
-    """The lengths that end at a point, by their ends."""
-    return [frozenset(pair) for pair in network.ends.tolist() if point in pair]

@@ -42,7 +42,7 @@ def test_known_transform_is_found(seed: int, count: int, scale: float) -> None:
 
 
 def test_umeyamas_own_example() -> None:
-    """Section III of the paper: a triangle and its mirror image, so the third singular value is 0."""
+    """Section III of the paper, a triangle and its mirror image: one singular value is 0."""
     source = np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 2.0, 0.0)])
     target = np.array([(0.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 2.0, 0.0)])
     found = fit_similarity(source, target)  # in space it can be turned over: an exact fit
@@ -83,7 +83,8 @@ def test_reflection_is_never_returned(seed: int) -> None:
     assert found.scale < 1.0
 
 
-LINE = np.arange(5.0)[:, None] * [3.0, 4.0, 5.0]
+LINE = np.arange(5.0)[:, None] * np.array([3.0, 4.0, 5.0])
+BESIDE = np.array([(0.0, 0.0, float(i == 1)) for i in range(5)])
 
 
 @pytest.mark.parametrize(
@@ -94,7 +95,7 @@ LINE = np.arange(5.0)[:, None] * [3.0, 4.0, 5.0]
         (np.vstack([cloud(0, 3), cloud(0, 1)]), "two control points are at the same place"),
         (LINE, "all control points lie in one line"),
         (LINE + UTM, "all control points lie in one line"),
-        (LINE + [(0, 0, 0), (0, 0, 1e-4), *[(0, 0, 0)] * 3], "all control points lie in one line"),
+        (LINE + 1e-4 * BESIDE, "all control points lie in one line"),
     ],
 )
 def test_too_little_is_refused_with_its_reason(source: np.ndarray, reason: str) -> None:
@@ -104,7 +105,7 @@ def test_too_little_is_refused_with_its_reason(source: np.ndarray, reason: str) 
 
 
 def test_points_a_little_beside_a_line_are_enough() -> None:
-    source = LINE + [(0, 0, 0), (0, 0, 0.1), *[(0, 0, 0)] * 3]
+    source = LINE + 0.1 * BESIDE
     assert fit_similarity(source, source).rotation == pytest.approx(np.eye(3), abs=1e-9)
 
 
@@ -112,10 +113,10 @@ def test_matrix_does_what_apply_does() -> None:
     move = Similarity(1.3, turn(1), UTM, np.array([1.0, 2.0, 3.0]))
     points = cloud(1)
     column = move.matrix() @ np.column_stack([points, np.ones(6)]).T
-    assert column[:3].T == pytest.approx(move.apply(points), rel=1e-12)
+    assert move.apply(points) == pytest.approx(column[:3].T, rel=1e-12)
     assert column[3] == pytest.approx(np.ones(6))
     # By hand: what lies one metre east of the pivot goes 1.3 m along the turned axis.
-    there = move.apply(move.pivot + [[1.0, 0.0, 0.0]])[0]
+    there = move.apply(move.pivot[None] + np.array([1.0, 0.0, 0.0]))[0]
     assert there == pytest.approx(UTM + 1.3 * turn(1)[:, 0], rel=1e-12)
 
 
