@@ -8,7 +8,7 @@ from typing import List, Optional, Sequence, Tuple
 import numpy as np
 
 from ..types import FloatArray, ScaleObservation
-from .adjust import Adjustment
+from .solution import Adjustment
 
 __all__ = ["carried_by", "conflict", "judgements", "observations", "point_std", "root_mean_square"]
 

@@ -10,9 +10,10 @@ import numpy as np
 
 from ..errors import ControlError
 from ..types import FloatArray
-from .adjust import Adjustment, adjust
+from .adjust import adjust
 from .network import Freedom, Network
 from .similarity import FLAT, Similarity, spread
+from .solution import Adjustment
 from .start import starts
 
 __all__ = ["MODES", "Fit", "fit"]

@@ -18,9 +18,10 @@ from quantify_client.scaler.account import (
     point_std,
     root_mean_square,
 )
-from quantify_client.scaler.adjust import Adjustment, adjust
+from quantify_client.scaler.adjust import adjust
 from quantify_client.scaler.fit import fit
 from quantify_client.scaler.network import Freedom, Network
+from quantify_client.scaler.solution import Adjustment
 from quantify_client.scaler.start import starts
 from quantify_client.types import ScaleObservation
 

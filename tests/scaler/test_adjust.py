@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 from networks import SCALE, Survey, Tape, network_of, outliers, survey
 
 from quantify_client.scaler.account import conflict, observations
-from quantify_client.scaler.adjust import Adjustment, adjust
+from quantify_client.scaler.adjust import adjust
 from quantify_client.scaler.fit import fit
 from quantify_client.scaler.network import Freedom, Network
+from quantify_client.scaler.solution import Adjustment
 from quantify_client.scaler.start import starts
 
 WHOLE = Freedom(3, shift_xy=True, shift_z=False)
