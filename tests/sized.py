@@ -47,6 +47,7 @@ def control(
     tape: float = 0.005,
     gps: Optional[float] = None,
     levels: int = 0,
+    level: float = 0.01,
     noise: bool = True,
     seed: int = 9,
     **more: Any,
@@ -82,8 +83,8 @@ def control(
             for i, name in enumerate(names)
         }
         for i, name in enumerate(names[:levels]):
-            level = float(truth[i, 2] + noise * rng.normal(0, 0.01))
-            document["points"][name].update(elevation=level, elevation_accuracy=0.01)
+            height = float(truth[i, 2] + noise * rng.normal(0, level))
+            document["points"][name].update(elevation=height, elevation_accuracy=level)
     return document
 
 

@@ -79,9 +79,12 @@ class _Noting:
         """Raise the cause of a compressor's error in its place."""
         try:
             yield
-        except lazrs.LazrsError:
+        except lazrs.LazrsError as error:
             if self._fault is not None:
                 raise self._fault from None
+            if "Failed to call" in str(error):
+                # Interrupted on the way to write(), before that could note it.
+                raise KeyboardInterrupt from None
             raise
 
 

@@ -138,6 +138,13 @@ def _remarks(control: Control, found: Elevations, solved: List[ControlledPoint])
         out.append(
             f"elevations are relative: that of {found.reference} is taken as {level:g} m ({told})"
         )
+    apart = max((max(p.std[:2]) for p in solved), default=0.0)
+    if apart > _POOR_M:
+        out.append(
+            f"positions are known to {apart:.1f} m only, and OpenDroneMap takes them as exact: "
+            "they would bend and shift its model; scaling the cloud afterwards weighs each as it "
+            "deserves"
+        )
     if not solved:
         raise ControlError(
             f"no elevation could be solved to better than {_USELESS_M:g} m, and OpenDroneMap takes "

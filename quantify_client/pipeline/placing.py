@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import List, Sequence, Tuple
+from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from ..scaler.account import (
 from ..scaler.control import read_control
 from ..scaler.direct import direct_heights
 from ..scaler.fit import Fit, fit
+from ..scaler.similarity import Similarity
 from ..scaler.survey import CloudPlace, build_network
 from ..sfm.outputs import Source
 from ..streaming import nothing_usable
@@ -28,6 +29,9 @@ from .positions import cloud_places
 from .site import Site, Target, free_site, grid_site, height_notes, require_near, scaled, target_of
 
 __all__ = ["Placement", "place_cloud"]
+
+#: A difference in height that is worth a word: 0.003 % of lengths.
+_FAR_UP_M = 200.0
 
 _UNDETERMINED_M = 1000.0  # a coordinate known no better than this is not known
 
@@ -56,8 +60,16 @@ class Placement:
     def resized(self, share: float) -> PlacedFrame:
         """Return the frame with a scale larger by a share of itself, about the control's middle."""
         similarity = self.fit.similarity
-        larger = replace(similarity, scale=similarity.scale * (1.0 + share))
-        return _frame(self.frame.base, self.site, self.target, larger.matrix(), self.bounds)
+        return self._with(replace(similarity, scale=similarity.scale * (1.0 + share)))
+
+    def shifted(self, by: FloatArray) -> PlacedFrame:
+        """Return the frame with the cloud lying further east, north and up, metres."""
+        similarity = self.fit.similarity
+        return self._with(replace(similarity, shift=similarity.shift + by))
+
+    def _with(self, similarity: Similarity) -> PlacedFrame:
+        matrix = similarity.matrix()
+        return _frame(self.frame.base, self.site, self.target, matrix, self.bounds)
 
 
 def place_cloud(source: Source, frame: Frame, options: Options) -> Placement:
@@ -90,6 +102,7 @@ def place_cloud(source: Source, frame: Frame, options: Options) -> Placement:
     target = target_of(frame, site, found.mode)
     placed = _frame(frame, site, target, found.similarity.matrix(), bounds)
     notes = [*control.warnings, *notes, *assumed, *found.warnings, *_moves(found)]
+    notes += _heights(found, site, options, control.height_m, georeferenced)
     scaling = _scaling(found, site, placed, [*notes, *judgements(found.adjustment)])
     return Placement(scaling, placed, found, site, target, bounds)
 
@@ -112,19 +125,50 @@ def _moves(found: Fit) -> List[str]:
     if found.mode != "shift" or found.shift_std_m is None:
         return []
     similarity = found.similarity
-    moved = float(np.linalg.norm(similarity.shift - similarity.pivot))
+    across, up = (
+        similarity.shift - similarity.pivot,
+        float((similarity.shift - similarity.pivot)[2]),
+    )
+    moved = float(np.linalg.norm(across[:2]))
+    height = f", by {up:+.2f} m in height" if abs(up) >= 0.005 else ""
     turned = np.degrees(np.arctan2(similarity.rotation[1, 0], similarity.rotation[0, 0]))
     heading = f"{found.heading_std_deg:.2g}" if found.heading_std_deg is not None else "?"
     return [
-        f"the cloud was moved by {moved:.2f} m (known to {found.shift_std_m:.2g} m) and turned by "
-        f"{abs(turned):.2f} degrees (known to {heading}); --scale-mode scale leaves it where it is"
+        f"the cloud was moved by {moved:.2f} m across (known to {found.shift_std_m:.2g} m){height} "
+        f"and turned by {abs(turned):.2f} degrees (known to {heading}); --scale-mode scale leaves "
+        "it where it is"
     ]
+
+
+def _heights(
+    found: Fit, site: Site, options: Options, height: Optional[float], georeferenced: bool
+) -> List[str]:
+    """Say what is not known of heights, where something depends on it."""
+    out = []
+    levelled = bool(found.adjustment.model.network.levelled.any())
+    if not georeferenced and found.mode != "scale" and not levelled:
+        out.append(
+            f"no elevation is known: the middle of the control is put at {site.level:g} m, and "
+            "heights are relative to that"
+        )
+    if options.area_frame == "control" and isinstance(options.base, (int, float)) and not levelled:
+        out.append(
+            "the base is a surveyed elevation, but no control point has one: the cloud's heights "
+            "are as delivered, and what they are off by is not in the budget; give elevations"
+        )
+    if georeferenced and height is not None and abs(height - site.level) > _FAR_UP_M:
+        out.append(
+            f"the site's height ({height:g} m) is not that of the cloud's z ({site.level:.0f} m): "
+            "a cloud written to a file is measured at its z, whose grid lengths differ by "
+            f"{abs(height - site.level) / 6.38e4:.3f} %"
+        )
+    return out
 
 
 def _scaling(found: Fit, site: Site, frame: PlacedFrame, warnings: Sequence[str]) -> Scaling:
     adjustment = found.adjustment
     network = adjustment.model.network
-    records = observations(adjustment)
+    records = observations(adjustment, site.level)
     upright = site.local is not None and (frame.base.grid is not None or found.mode != "scale")
     up = np.where(network.clouded, adjustment.state.points[:, 2], np.nan) if upright else None
     points, loose = _points(found, site, frame)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Callable, Optional, Tuple
+from typing import Callable, List, Optional, Tuple
+
+import numpy as np
 
 from ..crs import Frame
 from ..types import AreaResult, BudgetItem, Measurement, Options
@@ -15,6 +17,9 @@ __all__ = ["with_scale"]
 #: The scale is changed by this share for a derivative, or by three sigmas if they are more: less,
 #: and the cells' own grain would show in it.
 _CHANGE = 0.01
+
+#: The same for a move, metres.
+_MOVE_M = 0.2
 
 _DIMENSIONS = 3.0  # a volume grows with the cube of the scale
 
@@ -29,27 +34,42 @@ def with_scale(
 ) -> Measurement:
     """Return the measurement with its scale, and that scale's share in every error.
 
-    3 (sigma / s) |V| for net, cut and fill each where area and base grow with the cloud; where
-    they are surveyed and stay (``--area-frame control``), by measuring once more in another scale.
+    3 (sigma / s) |V| for net, cut and fill each where area and base grow with the cloud. Where
+    they are surveyed and stay (``--area-frame control``), by measuring again in another scale, and
+    with the cloud lying further east, north and up by what its place is in doubt.
 
     Parameters
     ----------
     again : measures the same in another frame.
     """
     ratio = placement.ratio
-    other: Optional[Measurement] = None
-    if _stays(options):
-        change = max(_CHANGE, 3.0 * ratio)
-        other = again(placement.resized(change))
+    others = _others(placement, again) if _stays(options) else []
     results = []
     for index, result in enumerate(measurement.results):
         if isinstance(result, AreaResult):
-            shares = _cubic(result, ratio)
-            if other is not None:
-                shares = _by_derivative(result, other.results[index], ratio / change, shares)
-            result = _grown(result, shares, ratio, options.density)
+            shares = [_cubic(result, ratio)]
+            if others:
+                shares = [
+                    _by_derivative(result, other.results[index], step, shares[0])
+                    for other, step in others
+                ]
+            net, cut, fill = (math.hypot(*column) for column in zip(*shares))
+            result = _grown(result, (net, cut, fill), ratio, options.density)
         results.append(result)
     return replace(measurement, results=tuple(results), scale=placement.scaling)
+
+
+def _others(
+    placement: Placement, again: Callable[[Frame], Measurement]
+) -> List[Tuple[Measurement, float]]:
+    """Return measurements in changed frames, and by what each difference is to be multiplied."""
+    change = max(_CHANGE, 3.0 * placement.ratio)
+    out = [(again(placement.resized(change)), placement.ratio / change)]
+    for axis, std in enumerate(placement.fit.place_std_m):
+        if std > 0.0:
+            by = max(std, _MOVE_M)
+            out.append((again(placement.shifted(by * np.eye(3)[axis])), std / by))
+    return out
 
 
 def _stays(options: Options) -> bool:

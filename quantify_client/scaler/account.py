@@ -28,8 +28,11 @@ _SLIGHT = 0.01
 _CLEARLY = 3.0
 
 
-def observations(found: Adjustment) -> List[ScaleObservation]:
-    """Return a record for each observed number, in the order of the equations."""
+def observations(found: Adjustment, level: float = 0.0) -> List[ScaleObservation]:
+    """Return a record for each observed number, in the order of the equations.
+
+    `level` is the elevation of the frame's origin.
+    """
     model, network = found.model, found.model.network
     observed, carries = model.observed(), found.carries()
     out = []
@@ -38,6 +41,8 @@ def observations(found: Adjustment) -> List[ScaleObservation]:
         active = bool(found.active[row])
         components = _COMPONENTS.get(str(kind))
         value = float(observed[row])
+        if kind == "elevation":
+            value += level
         if kind == "cloud":
             value -= float(network.pivot[model.component[row]])
         out.append(

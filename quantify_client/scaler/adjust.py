@@ -70,7 +70,7 @@ def _surprise(found: Adjustment) -> float:
 def _robust(model: Model, steps: int) -> Tuple[State, float]:
     """Return the state that few gross errors do not move, and its cost."""
     used = _without_checks(model)
-    found = minimise(model, used, {}, loss="soft_l1", tolerance=1e-6, steps=steps)
+    found = minimise(model, used, {}, robust=True, tolerance=1e-6, steps=steps)
     return model.state(found[0]), found[1]
 
 
@@ -102,7 +102,7 @@ class _Judge:
 
     def _adjusted(self) -> Adjustment:
         unknowns, _ = minimise(
-            self._model, self._used(), self._raised, loss="linear", tolerance=1e-12, steps=_STEPS
+            self._model, self._used(), self._raised, robust=False, tolerance=1e-14, steps=_STEPS
         )
         self._model = self._model.again(self._model.state(unknowns))
         return solved(self._model, self._used(), self._raised, sorted(self._out))

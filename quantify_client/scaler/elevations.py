@@ -54,13 +54,14 @@ def solve_elevations(network: Network) -> Elevations:
     ControlError
         Elevations are unknown and nothing tells of any.
     """
-    if network.levelled[network.placed].all():
+    known = bool(network.levelled[network.placed].all())
+    if known and not len(network.spans()) and not network.clouded.any():
         std = np.column_stack([*[network.horizontal_sigma] * 2, network.elevation_sigma])
         points = np.column_stack([network.horizontal, network.elevation])
         return Elevations(points, std, "", (), ())
     if int((network.clouded & network.placed).sum()) >= 3:
         return _with_cloud(network)
-    if not len(network.spans()):
+    if not len(network.spans()) and not network.levelled.any():
         raise ControlError(
             "there are positions only, and no taped distances, so no elevation can be solved; tape "
             "slope distances between the points, or give elevations"
@@ -108,15 +109,17 @@ def _by_tapes(network: Network, reference: str) -> Elevations:
             break
         known = again
     solved = np.isfinite(known)
-    if solved.sum() <= network.levelled.sum():
-        raise ControlError("; ".join(_reasons(network)) or "no distance ends at a known point")
+    if reference and solved.sum() <= 1:
+        reasons = _reasons(network)
+        more = f"; and {len(reasons) - 1} more pairs like it" if len(reasons) > 1 else ""
+        raise ControlError((reasons or ["no distance ends at a known point"])[0] + more)
     unsigned = (signed.higher == 0) & ~_both(signed, solved)
     used = replace(signed, check=signed.check | unsigned)
     freedom = Freedom(0, shift_xy=False, shift_z=False, scale=False)
     adjusted = adjust(used, freedom, starts(used, freedom))
     points, std = adjusted.state.points.copy(), point_std(adjusted)
     points[~solved | (std[:, 2] > _UNKNOWN_M)] = np.nan
-    notes = [*_reasons(signed), *judgements(adjusted)]
+    notes = judgements(adjusted)
     return Elevations(points, std, reference, direct_heights(signed), notes)
 
 

@@ -12,9 +12,10 @@ from ..errors import ControlError
 from ..types import FloatArray
 from .adjust import adjust
 from .network import Freedom, Network
+from .rivals import rivalry
 from .similarity import FLAT, Similarity, spread
 from .solution import Adjustment
-from .start import starts
+from .start import scale_of_lengths, starts
 
 __all__ = ["MODES", "Fit", "fit"]
 
@@ -23,11 +24,16 @@ MODES = ("auto", "scale", "shift", "full")
 #: A scale known no better than this is not known.
 _UNKNOWN = 0.2
 
+#: A scale in doubt by more than this is not told at all.
+_HOPELESS = 0.1
+
 #: A vertical known no better than this, in degrees, is not known ...
 _NO_VERTICAL = 20.0
 
 #: ... and is warned of from here.
 _POOR_VERTICAL = 2.0
+
+_MOST_POINTS = 300  # the work grows with their cube: minutes
 
 _FEWEST = 3  # points that a transform needs besides the scale
 
@@ -44,6 +50,7 @@ class Fit:
     similarity : from the cloud's local metres to those of the ground; in mode ``"scale"`` about
         the middle of the control points, which stay in the cloud's own frame.
     tilt_std_deg, heading_std_deg, shift_std_m : None where they are not applied.
+    place_std_m : of the middle's place, east, north, up; 0 where it is not moved or nothing tells.
     """
 
     adjustment: Adjustment
@@ -53,6 +60,7 @@ class Fit:
     tilt_std_deg: Optional[float]
     heading_std_deg: Optional[float]
     shift_std_m: Optional[float]
+    place_std_m: Tuple[float, float, float]
     warnings: Sequence[str]
 
     @property
@@ -75,6 +83,11 @@ def fit(network: Network, mode: str, georeferenced: bool) -> Fit:
     ControlError
         Nothing fixes the scale; or the points cannot fix what the mode asks for, with the reason.
     """
+    if len(network.names) > _MOST_POINTS:
+        raise ControlError(
+            f"{len(network.names)} control points are more than the {_MOST_POINTS} that are "
+            "adjusted together; keep the best of them: a few dozen fix a scale as well"
+        )
     _require_apart(network)
     reason = _too_few(network, mode, georeferenced)
     if reason and mode != "auto":
@@ -82,7 +95,11 @@ def fit(network: Network, mode: str, georeferenced: bool) -> Fit:
     placed = bool(network.placed.any())
     network, freedom, notes = _freedom(network, mode, georeferenced)
     found = adjust(network, freedom, starts(network, freedom))
-    _require_scale(found)
+    _require_scale(found, reason)
+    doubt, said = rivalry(found)
+    if doubt > _HOPELESS:
+        raise ControlError(said[0].split("; half of")[0])
+    notes += said
     wanted = ("shift" if georeferenced else "full") if mode == "auto" else mode
     chosen = "scale" if reason and mode == "auto" else wanted
     tilt = _angle_std(found, tilt=True) if freedom.turn == 3 else None
@@ -97,7 +114,7 @@ def fit(network: Network, mode: str, georeferenced: bool) -> Fit:
         chosen = "scale"
     if chosen == "scale" and mode == "auto" and reason and placed:
         notes.append(f"only the scale is applied, the cloud stays where it is: {reason}")
-    return _applied(found, chosen, freedom, tilt, notes)
+    return _applied(found, chosen, freedom, tilt, doubt, notes)
 
 
 def _require_apart(network: Network) -> None:
@@ -182,7 +199,7 @@ def _without_positions(network: Network) -> Network:
     return replace(network, horizontal=horizontal, elevation=elevation)
 
 
-def _require_scale(found: Adjustment) -> None:
+def _require_scale(found: Adjustment, reason: str) -> None:
     std = math.sqrt(float(found.covariance[found.model.scale_column, found.model.scale_column]))
     if std <= _UNKNOWN:
         return
@@ -193,6 +210,7 @@ def _require_scale(found: Adjustment) -> None:
         f"nothing fixes the scale: {have}, {len(network.spans())} distances and "
         f"{int((network.clouded & network.placed).sum())} of their positions can be used; expected "
         "at least one taped distance or scale bar between two points that are in the cloud"
+        + (f" (or: {reason})" if reason else "")
     )
 
 
@@ -205,25 +223,47 @@ def _angle_std(found: Adjustment, *, tilt: bool) -> float:
 
 
 def _applied(
-    found: Adjustment, mode: str, freedom: Freedom, tilt: Optional[float], notes: List[str]
+    found: Adjustment,
+    mode: str,
+    freedom: Freedom,
+    tilt: Optional[float],
+    doubt: float,
+    notes: List[str],
 ) -> Fit:
     state, network = found.state, found.model.network
     column = found.model.scale_column
     factor = math.exp(state.log_scale)
-    std = factor * math.sqrt(float(found.covariance[column, column]))
+    carried = scale_of_lengths(network) is not None
+    bias = 0.0
+    if tilt is not None and not carried:
+        # From above, noise of positions is taken for tilt, and what is tilted for larger.
+        bias = 0.5 * math.radians(tilt) ** 2
+    variance = float(found.covariance[column, column]) + doubt**2 + bias**2
+    std = factor * math.sqrt(variance)
     pivot: FloatArray = network.pivot
     if mode == "scale":
         stay = Similarity(factor, np.eye(3), pivot, pivot)
-        return Fit(found, mode, stay, std, None, None, None, tuple(notes))
+        return Fit(found, mode, stay, std, None, None, None, (0.0, 0.0, 0.0), tuple(notes))
     heading = _angle_std(found, tilt=False) if freedom.turn else None
-    move = found.model.shift_columns
+    move = found.model.shift_columns[:2]
+    place = np.sqrt(np.diag(found.covariance)[found.model.shift_columns])
     shift = math.sqrt(float(np.linalg.eigvalsh(found.covariance[np.ix_(move, move)])[-1]))
     if tilt is not None and mode == "full" and tilt > _POOR_VERTICAL:
         notes.append(
-            f"the vertical is known to {tilt:.1f} degrees only: the scale does not depend on it, "
-            "heights and level bases do; give elevations of at least three points"
+            f"the vertical is known to {tilt:.1f} degrees only: heights and level bases need it"
+            + (", the scale does not" if carried else ", and the scale comes out too large by it")
+            + "; give elevations of at least three points"
         )
     whole = Similarity(factor, state.rotation, state.shift, pivot)
+    east, north, up = (*(float(value) for value in place), 0.0)[:3]
     return Fit(
-        found, mode, whole, std, tilt if mode == "full" else None, heading, shift, tuple(notes)
+        found,
+        mode,
+        whole,
+        std,
+        tilt if mode == "full" else None,
+        heading,
+        shift,
+        (east, north, up),
+        tuple(notes),
     )

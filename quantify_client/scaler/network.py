@@ -166,9 +166,9 @@ class Model:
 
     @property
     def shift_columns(self) -> IntArray:
-        """Which unknowns are the shift to the east and to the north."""
+        """Which unknowns are the shift: to the east, to the north, and up where that is free."""
         first = 3 * len(self.network.names)
-        return first + np.array([i for i, k in enumerate(self._free) if k < 2], dtype=np.int64)
+        return first + np.array([i for i, k in enumerate(self._free) if k < 3], dtype=np.int64)
 
     def state(self, unknowns: FloatArray) -> State:
         """Return the state that the unknowns lead to from the start."""
@@ -214,7 +214,7 @@ class Model:
     def spread(self, covariance: FloatArray) -> FloatArray:
         """(rows,) standard deviations of what the observations should be."""
         rows = self.jacobian(np.zeros(self.size))
-        variance = np.einsum("ij,jk,ik->i", rows, covariance, rows)
+        variance = ((rows @ covariance) * rows).sum(axis=1)
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
     def computed(self, unknowns: FloatArray) -> FloatArray:

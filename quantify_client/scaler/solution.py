@@ -8,7 +8,6 @@ from typing import Mapping, Sequence, Tuple
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import solve_triangular
-from scipy.optimize import least_squares
 from scipy.stats import chi2
 
 from ..types import FloatArray, IntArray
@@ -21,6 +20,9 @@ _ROBUST = 2.0
 
 #: Share of good surveys of which a test calls an observation bad, all observations together.
 _LEVEL = 0.01
+
+#: Steps damped more than this lead nowhere: the minimum is reached as well as numbers can tell.
+_STUCK = 1e8
 
 #: Below this redundancy nothing controls an observation, and its residual tells nothing.
 _UNCONTROLLED = 1e-4
@@ -87,35 +89,60 @@ def minimise(
     model: Model,
     used: npt.NDArray[np.bool_],
     raised: Mapping[str, float],
-    loss: str,
+    *,
+    robust: bool,
     tolerance: float,
     steps: int,
 ) -> Tuple[FloatArray, float]:
-    """Return the unknowns that make the squared residuals (or their loss) least, and their cost."""
+    """Return the unknowns that make the squared residuals (or a robust loss) least, and that sum.
+
+    Gauss and Newton's steps, by QR, damped while they overshoot (Levenberg and Marquardt). The
+    loss is 2 f^2 (sqrt(1 + (r / f)^2) - 1), which grows like the residual beyond f sigmas.
+    """
     less = lessening(model, raised)
+    unknowns, damping = np.zeros(model.size), 0.0
 
-    def value(unknowns: FloatArray) -> FloatArray:
-        rows = model.whiten(model.computed(unknowns) - model.observed()) * less
-        return np.concatenate([rows[used], model.loose(unknowns)[0]])
+    def residuals(at: FloatArray) -> FloatArray:
+        rows = model.whiten(model.computed(at) - model.observed()) * less
+        return np.concatenate([rows[used], model.loose(at)[0]])
 
-    def slope(unknowns: FloatArray) -> FloatArray:
-        rows = model.whiten(model.jacobian(unknowns)) * less[:, None]
-        return np.vstack([rows[used], model.loose(unknowns)[1]])
+    now = residuals(unknowns)
+    cost = _loss(now, robust)
+    for _ in range(steps):
+        rows = (model.whiten(model.jacobian(unknowns)) * less[:, None])[used]
+        slope = np.vstack([rows, model.loose(unknowns)[1]])
+        weight = (1.0 + (now / _ROBUST) ** 2) ** -0.25 if robust else np.ones(len(now))
+        step = _step(slope * weight[:, None], now * weight, damping)
+        trial = residuals(unknowns + step)
+        better = _loss(trial, robust)
+        if not better <= cost * (1.0 + 1e-12):
+            damping = max(10.0 * damping, 1e-4)
+            if damping > _STUCK:
+                break
+            continue
+        gained, damping = cost - better, 0.1 * damping if damping > 1e-8 else 0.0
+        unknowns, now, cost = unknowns + step, trial, better
+        if gained <= tolerance * max(cost, 1e-9):
+            break
+    return unknowns, cost
 
-    found = least_squares(
-        value,
-        np.zeros(model.size),
-        slope,
-        method="trf",
-        x_scale="jac",
-        loss=loss,
-        f_scale=_ROBUST,
-        xtol=tolerance,
-        ftol=tolerance,
-        gtol=None,
-        max_nfev=steps,
-    )
-    return found.x, float(found.cost)
+
+def _loss(residuals: FloatArray, robust: bool) -> float:
+    if not robust:
+        return float(residuals @ residuals)
+    return float(2.0 * _ROBUST**2 * (np.sqrt(1.0 + (residuals / _ROBUST) ** 2) - 1.0).sum())
+
+
+def _step(slope: FloatArray, residuals: FloatArray, damping: float) -> FloatArray:
+    """Return the step that makes residuals + slope @ step least, shortened by damping."""
+    size = np.maximum(np.linalg.norm(slope, axis=0), 1e-300)
+    scaled, goal = slope / size, -residuals
+    if damping > 0.0:
+        scaled = np.vstack([scaled, np.sqrt(damping) * np.eye(len(size))])
+        goal = np.concatenate([goal, np.zeros(len(size))])
+    q, r = np.linalg.qr(scaled)
+    step: FloatArray = solve_triangular(r, q.T @ goal) / size
+    return step
 
 
 def lessening(model: Model, raised: Mapping[str, float]) -> FloatArray:
@@ -142,7 +169,7 @@ def solved(
     white = model.whiten(raw) * less
     rows = model.whiten(model.jacobian(zero)) * less[:, None]
     covariance = _covariance(np.vstack([rows[used], model.loose(zero)[1]]))
-    known = np.einsum("ij,jk,ik->i", rows, covariance, rows)
+    known = ((rows @ covariance) * rows).sum(axis=1)
     statistic, excess = _statistics(model.group, rows, white, covariance, used)
     return Adjustment(
         model=model,
@@ -183,6 +210,7 @@ def _statistics(
     """
     count = int(group.max(initial=-1)) + 1
     statistic, excess = np.full(count, np.nan), np.zeros(count)
+    most = chi2.ppf(1.0 - _LEVEL / max(count, 1), [1, 2, 3])
     for number in range(count):
         mine = group == number
         part = rows[mine] @ covariance @ rows[mine].T
@@ -190,7 +218,7 @@ def _statistics(
         square, told = _squared(white[mine], np.eye(int(mine.sum())) + sign * part)
         if told:
             statistic[number] = square
-            excess[number] = square / chi2.ppf(1.0 - _LEVEL / count, told)
+            excess[number] = square / most[told - 1]
     return statistic, excess
 
 

@@ -51,7 +51,8 @@ def test_bad_tape_is_told_in_metres_and_sigmas() -> None:
 def test_two_that_disagree_are_both_told() -> None:
     """Each is 0.31 m from the other: 0.31 / sqrt(5^2 + 5^2) mm = 43.8 sigma of what was said."""
     found = taped(10.0, 10.31)
-    assert conflict(found) == "tape A-B disagrees with the rest by 0.310 m, 43.8 sigma"
+    # (the positions, good to 3 m, have a part in a thousand of a say)
+    assert re.match(r"tape A-B disagrees with the rest by 0.310 m, 43.[89] sigma$", conflict(found))
     (told,) = judgements(found)
     assert told.startswith("tapes fit 43.8 times worse than their accuracies say")
     sigmas = [r.sigma for r in observations(found) if r.kind == "distance"]
