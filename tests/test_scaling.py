@@ -297,8 +297,8 @@ def test_a_cloud_in_degrees_goes_to_its_utm_zone(points, tmp_path):
     las.x, las.y, las.z = clouds[0].T
     las.write(str(tmp_path / "degrees.laz"))
     asked = sized.control(truth, clouds[1], noise=False)
-    for placed in asked["cloud"].values():
-        placed["accuracy"] = 0.01  # metres: degrees are no unit of accuracy
+    for given in asked["cloud"].values():
+        given["accuracy"] = 0.01  # metres: degrees are no unit of accuracy
     gcp = sized.write(tmp_path / "control.json", asked)
     scaled = scale(tmp_path / "degrees.laz", gcp=gcp, out=tmp_path / "scaled.laz")
     assert scaled.scaling.factor == pytest.approx(1 / 0.9, rel=1e-5)

@@ -1,4 +1,4 @@
-"""An error that all observations of a kind share: the kinds contradict each other, not the tapes."""
+"""An error that all observations of a kind share: kinds contradict each other, not tapes."""
 
 from __future__ import annotations
 
