@@ -14,6 +14,8 @@ from solids import random_body
 
 from quantify_client.types import AreaResult
 
+pytestmark = pytest.mark.statistics
+
 SEEDS = range(1201, 1213)
 COUNT = 15_000
 
