@@ -10,6 +10,8 @@ Every message is one line that holds what was found, what was expected, and the 
     |   +-- SupportError             too few points under an area
     |   +-- ControlError             a control file, or what it says of a cloud
     |   +-- UsageError               options that contradict each other
+    +-- ServerError (OSError)        a server refuses, cannot be reached, or answers nonsense
+    +-- JobError (RuntimeError)      a job on a server failed, was lost, or its folder is in use
     +-- OutputError (OSError)        what we were to write cannot be written
     +-- MissingExtraError (ImportError)   an optional package is needed
 """
@@ -22,9 +24,11 @@ __all__ = [
     "ControlError",
     "CrsError",
     "InputError",
+    "JobError",
     "MissingExtraError",
     "OutputError",
     "QuantifyError",
+    "ServerError",
     "SupportError",
     "UsageError",
 ]
@@ -60,6 +64,14 @@ class ControlError(InputError):
 
 class UsageError(InputError):
     """Options contradict each other or are out of range."""
+
+
+class ServerError(QuantifyError, OSError):
+    """A server refuses what it is asked, cannot be reached, or answers with nonsense."""
+
+
+class JobError(QuantifyError, RuntimeError):
+    """A job failed or was lost on its server, or its folder holds none or is in use."""
 
 
 class OutputError(QuantifyError, OSError):

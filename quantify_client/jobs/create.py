@@ -1,0 +1,172 @@
+"""A job before anything is sent: everything that can be checked is, then the journal is written."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Iterable, List, Mapping, Optional, Tuple, Union
+
+from ..errors import InputError, JobError, OutputError
+from ..sfm.node import Node, split_token
+from ..sfm.patience import Patience
+from ..sfm.photos import PhotoSummary, check_photos
+from ..sfm.presets import MINIMAL_OUTPUTS, choose_options
+from .events import JobEvent, Report, silent
+from .journal import JOURNAL, READY, Job, SentFile, locked, save
+
+__all__ = ["Plan", "create_job", "plan_job"]
+
+FIRST_CONTACT_S = 5.0  # whoever starts a job is still there to correct the URL
+GCP_NAME = "gcp_list.txt"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a job would send and ask for; `lines` says it.
+
+    `gcp` is a file in ODM's own format, in which every height is already known.
+    """
+
+    url: str
+    name: str
+    photos: PhotoSummary
+    options: Mapping[str, Any]
+    outputs: Tuple[str, ...] = ()
+    gcp: Optional[Path] = None
+    ca: Optional[Path] = None
+    insecure: bool = False
+    engine: str = ""
+    notes: Tuple[str, ...] = field(default=())
+
+    def lines(self) -> List[str]:
+        """Summarise the job for people."""
+        photos = self.photos
+        cameras = ", ".join(f"{name} ({count})" for name, count in photos.cameras.items())
+        shown = " ".join(f"{name}={_word(value)}" for name, value in sorted(self.options.items()))
+        return [
+            f"Node: {self.url} {self.engine}".rstrip(),
+            f"Photographs: {len(photos.photos)}, {photos.size / 1e6:.1f} MB, "
+            f"{photos.with_gps} with GPS, from {cameras}",
+            f"Control: {self.gcp}" if self.gcp else "Control: none is sent",
+            f"Options: {shown}",
+            f"Result: {'what measuring needs' if self.outputs else 'everything'}",
+            *(f"Note: {note}" for note in (*self.notes, *photos.warnings)),
+        ]
+
+
+def plan_job(
+    images: Iterable[Union[str, Path]],
+    url: str,
+    token: Optional[str] = None,
+    *,
+    name: Optional[str] = None,
+    preset: str = "default",
+    options: Optional[Mapping[str, Any]] = None,
+    minimal: bool = False,
+    split: Optional[int] = None,
+    ground: bool = False,
+    gcp: Optional[Path] = None,
+    ca: Optional[Path] = None,
+    insecure: bool = False,
+    allow_faulty: bool = False,
+    report: Report = silent,
+) -> Plan:
+    """Check photographs, options and control against what the node says of itself; send nothing.
+
+    Parameters
+    ----------
+    images : files and folders.
+    url, token, ca, insecure : the node.
+    name : what the node is to call the task; by default the first image's folder.
+    preset, options, split, ground : see `choose_options`.
+    minimal : have only what measuring needs packed into the result.
+    gcp : a GCP file in ODM's format.
+
+    Raises
+    ------
+    InputError
+        A photograph, an option or the GCP file cannot be used.
+    ServerError
+        The node cannot be reached or refuses the token.
+    """
+    photos = check_photos(images, allow_faulty=allow_faulty)
+    node = Node(url, token, ca=ca, insecure=insecure)
+    patience = Patience(FIRST_CONTACT_S, lambda text: report(JobEvent("message", text=text)))
+    info = patience.through(node.info)
+    chosen, notes = choose_options(
+        patience.through(node.options), preset, options, ground=ground, split=split
+    )
+    if isinstance(info.max_images, int) and len(photos.photos) > info.max_images:
+        raise InputError(
+            f"{len(photos.photos)} photographs are there, and {node.name} takes at most "
+            f"{info.max_images}; give fewer, or another node"
+        )
+    if gcp is not None:
+        _require_control(gcp, photos)
+    return Plan(
+        url=node.url,
+        name=name or photos.photos[0].path.resolve().parent.name or "quantify",
+        photos=photos,
+        options=chosen,
+        outputs=MINIMAL_OUTPUTS if minimal else (),
+        gcp=gcp,
+        ca=ca,
+        insecure=insecure,
+        engine=f"({info.engine} {info.engine_version}, API {info.version})",
+        notes=notes,
+    )
+
+
+def create_job(plan: Plan, folder: Path, then: Optional[Mapping[str, Any]] = None) -> Job:
+    """Write a job's journal into a folder that holds none; nothing is sent.
+
+    `then` is kept for the caller: how to go on with the result. No secret belongs into it.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be made ({error.strerror or error})") from error
+    with locked(folder):
+        if (folder / JOURNAL).exists():
+            raise JobError(
+                f"{folder}: holds a job already; 'quantify-client resume {folder}' goes on with "
+                "it, another --out begins a new one"
+            )
+        files = [
+            SentFile(photo.name, str(photo.path.resolve()), photo.size, photo.mtime_ns)
+            for photo in plan.photos.photos
+        ]
+        if plan.gcp is not None:
+            status = plan.gcp.stat()
+            gcp = SentFile(GCP_NAME, str(plan.gcp.resolve()), status.st_size, status.st_mtime_ns)
+            files.append(gcp)
+        job = Job(
+            url=split_token(plan.url)[0],
+            name=plan.name,
+            options=dict(plan.options),
+            outputs=plan.outputs,
+            files=tuple(files),
+            ca=str(plan.ca.resolve()) if plan.ca else None,
+            insecure=plan.insecure,
+            then=dict(then or {}),
+        )
+        return save(folder, job, state=READY)
+
+
+def _require_control(gcp: Path, photos: PhotoSummary) -> None:
+    """Whether the file can be read and names at least one of the photographs."""
+    try:
+        lines = gcp.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        said = getattr(error, "strerror", None) or "not in UTF-8"
+        raise InputError(f"{gcp}: cannot be read ({said}); expected ODM's gcp_list.txt") from error
+    named = {fields[5] for fields in (line.split() for line in lines[1:]) if len(fields) > 5}
+    if not named & {photo.name for photo in photos.photos}:
+        raise InputError(
+            f"{gcp}: names none of the photographs; expected lines 'x y z px py IMAGE', as "
+            "'quantify-client gcp FILE --to odm' writes them"
+        )
+
+
+def _word(value: Any) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)

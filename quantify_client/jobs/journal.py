@@ -1,0 +1,254 @@
+"""A job's folder: what is to be sent, what has been, and who is at it.
+
+``job.json`` is replaced whole, and ``sent-N.jsonl`` grows by one line for each file begun and each
+file acknowledged in the N-th upload. What is about to happen is on the disk before it does, so that
+both hold after a power cut. No token is ever in them.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import threading
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any, Dict, Iterator, Mapping, Optional, Set, Tuple
+
+from ..errors import JobError, OutputError
+
+__all__ = ["Job", "SentFile", "SentLog", "load", "locked", "save"]
+
+SCHEMA = "quantify-job/1"
+JOURNAL, LOCK, ARCHIVE, SEED = "job.json", "job.lock", "all.zip", "seed.zip"
+READY, UPLOADING, COMMITTING, WAITING, FETCHING, DONE, CANCELLED, SPOILED = (
+    *("ready", "uploading", "committing", "waiting", "fetching", "done", "cancelled", "spoiled"),
+)
+_to_disk = getattr(os, "fdatasync", os.fsync)  # where there is no other
+STATES = (READY, UPLOADING, COMMITTING, WAITING, FETCHING, DONE, CANCELLED, SPOILED)
+
+
+@dataclass(frozen=True)
+class SentFile:
+    """A file as it was when the job was made; `name` is what the node is to call it."""
+
+    name: str
+    path: str
+    size: int
+    mtime_ns: int
+
+    @property
+    def is_image(self) -> bool:
+        """Whether the node counts it among the images."""
+        return not self.name.lower().endswith(".txt")
+
+
+@dataclass(frozen=True)
+class Job:
+    """A job as its journal has it.
+
+    Attributes
+    ----------
+    url, ca, insecure : the node, without its token.
+    name, options, outputs, files : what is asked for and what is sent.
+    then : whatever the caller wants to find again when the result is there.
+    state : one of STATES.
+    uuid : of the current upload or task.
+    attempt : how many uploads have been begun.
+    archive_bytes : length of the all.zip that was fetched.
+    """
+
+    url: str
+    name: str
+    options: Mapping[str, Any]
+    outputs: Tuple[str, ...]
+    files: Tuple[SentFile, ...]
+    ca: Optional[str] = None
+    insecure: bool = False
+    then: Mapping[str, Any] = field(default_factory=dict)
+    state: str = READY
+    uuid: str = ""
+    attempt: int = 0
+    archive_bytes: Optional[int] = None
+
+    @property
+    def images(self) -> int:
+        """How many images the node must count."""
+        return sum(file.is_image for file in self.files)
+
+
+def load(folder: Path) -> Job:
+    """Read a folder's journal; JobError when there is none or it is not ours."""
+    path = folder / JOURNAL
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+        if document.pop("schema") != SCHEMA or document["state"] not in STATES:
+            raise ValueError
+        files = tuple(SentFile(**item) for item in document.pop("files"))
+        return Job(files=files, outputs=tuple(document.pop("outputs")), **document)
+    except FileNotFoundError:
+        raise JobError(f"{folder}: holds no job; expected the --out folder of a submit") from None
+    except OSError as error:
+        raise JobError(f"{path}: cannot be read ({error.strerror or error})") from error
+    except (ValueError, TypeError, KeyError, AttributeError):
+        raise JobError(
+            f"{path}: is no journal of this program, or of a newer one; submit again elsewhere"
+        ) from None
+
+
+def save(folder: Path, job: Job, **changes: Any) -> Job:
+    """Put a job with some changes into the journal, whole or not at all, and return it."""
+    job = replace(job, **changes)
+    text = json.dumps({"schema": SCHEMA, **asdict(job)}, indent=1, ensure_ascii=True)
+    temporary = folder / (JOURNAL + ".new")
+    with _explaining(folder):
+        with temporary.open("w", encoding="utf-8") as file:
+            file.write(text + "\n")
+            os.fsync(file.fileno())
+        temporary.replace(folder / JOURNAL)
+        _sync_folder(folder)
+    return job
+
+
+class SentLog:
+    """Which files of an upload have been begun, and which the node has acknowledged.
+
+    Between the two lines of a file nobody knows its fate. Used from several threads; after `close`
+    it takes nothing more from those that are still about.
+
+    The file is made with `room` for its lines, filled with blanks: lines that replace blanks reach
+    the disk without the file system's own journal, which would wait for whatever else is written.
+    """
+
+    def __init__(self, folder: Path, attempt: int, room: int = 0) -> None:
+        self._folder = folder
+        self._lock = threading.Lock()
+        path = folder / f"sent-{attempt}.jsonl"
+        self.begun: Set[str] = set()
+        self.done: Set[str] = set()
+        with _explaining(folder):
+            path.touch()
+            self._file = path.open("r+b")
+            whole = 0
+            for line in self._file.read().splitlines(keepends=True):
+                if not line.endswith(b"\n") or not self._take(line):
+                    break  # the blanks, or what a power cut left of the last line
+                whole += len(line)
+            self._file.truncate(whole)
+            self._file.seek(whole)
+            self._file.write(b" " * room)
+            self._file.flush()
+            os.fsync(self._file.fileno())
+            self._file.seek(whole)
+            _sync_folder(folder)
+
+    def __enter__(self) -> SentLog:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def unknown(self) -> Set[str]:
+        """Names that were begun and not acknowledged."""
+        return self.begun - self.done
+
+    def begin(self, name: str) -> None:
+        """Note that a file is about to be sent; on the disk when this returns."""
+        self._put({"begin": name}, surely=True)
+
+    def finish(self, name: str) -> None:
+        """Note that the node has acknowledged a file; a power cut may make its fate unknown."""
+        self._put({"done": name})
+
+    def retract(self, name: str) -> None:
+        """Note that nothing of a file that was begun has left."""
+        self._put({"unsent": name})
+
+    def close(self) -> None:
+        """Take nothing more."""
+        with self._lock:
+            self._file.close()
+
+    def _put(self, entry: Dict[str, str], *, surely: bool = False) -> None:
+        line = json.dumps(entry).encode() + b"\n"
+        with _explaining(self._folder):
+            with self._lock:
+                if self._file.closed:
+                    return
+                self._file.write(line)
+                self._file.flush()
+                handle = os.dup(self._file.fileno()) if surely else None
+                self._take(line)
+            if handle is not None:  # outside the lock, so that threads wait for the disk together
+                try:
+                    _to_disk(handle)
+                finally:
+                    os.close(handle)
+
+    def _take(self, line: bytes) -> bool:
+        try:
+            ((kind, name),) = json.loads(line).items()
+        except (ValueError, AttributeError):
+            return False
+        if kind == "begin":
+            self.begun.add(name)
+        elif kind == "unsent":
+            self.begun.discard(name)
+        else:
+            self.done.add(name)
+        return True
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Keep other processes from driving the same job; the system lets go when a process dies."""
+    try:
+        file = (folder / LOCK).open("a+b")
+    except FileNotFoundError:
+        raise JobError(f"{folder}: holds no job; expected the --out folder of a submit") from None
+    except OSError as error:
+        raise OutputError(
+            f"{folder}: cannot be written ({error.strerror or error}); mend that, then resume"
+        ) from error
+    with file:
+        if not _lock(file.fileno()):
+            raise JobError(f"{folder}: another process drives this job; wait for it, or end it")
+        yield
+
+
+def _lock(handle: int) -> bool:
+    try:
+        if sys.platform == "win32":
+            import msvcrt
+
+            msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
+        else:
+            import fcntl
+
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
+
+
+def _sync_folder(folder: Path) -> None:
+    """Make new names last; Windows cannot and need not."""
+    with suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+@contextmanager
+def _explaining(folder: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(
+            f"{folder}: the job's journal cannot be written ({error.strerror or error}); make room "
+            "or mend the folder, then resume"
+        ) from error

@@ -1,0 +1,272 @@
+"""Everything up to the commit: each file is sent once, and what may have been cut goes again.
+
+A node keeps what it got of a file that was cut, and names a second one of the same name ``X_.JPG``.
+So a file whose fate is unknown is never sent again by itself: at the end all such files go together
+in a ``seed.zip``, which the node unpacks over what is there. When that is cut too, only a new
+upload under a new UUID is surely right.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+import zipfile
+from collections import deque
+from pathlib import Path
+from typing import Deque, Dict, List, Optional
+
+from ..errors import JobError, OutputError, QuantifyError
+from ..sfm.http import OutageError, RefusedError
+from ..sfm.multipart import StoppedError
+from ..sfm.node import Node, TaskLostError
+from ..sfm.patience import Patience
+from .events import JobEvent, Report
+from .journal import SEED, Job, SentFile, SentLog
+
+__all__ = ["StartAgainError", "commit", "require_unchanged", "send_all"]
+
+PARALLEL = 4
+JOIN_S = 2.0
+REPORT_S = 0.2
+_LOOKS = 3  # for a task that a commit may just be making
+_FOR_NOW = ("no nodes", "concurrent tasks", "try again", "slow down")
+
+
+class StartAgainError(Exception):
+    """The upload cannot be completed; another one under a new UUID can."""
+
+
+def require_unchanged(job: Job) -> None:
+    """Raise JobError when a file is not what it was when the job was made."""
+    for file in job.files:
+        try:
+            status = Path(file.path).stat()
+        except OSError as error:
+            raise JobError(
+                f"{file.path}: cannot be read any more ({error.strerror or error}); put it back "
+                "and resume"
+            ) from error
+        if (status.st_size, status.st_mtime_ns) != (file.size, file.mtime_ns):
+            raise JobError(
+                f"{file.path}: has changed since the job was made; put the file back, or submit "
+                "into another folder"
+            )
+
+
+def send_all(
+    node: Node,
+    folder: Path,
+    job: Job,
+    patience: Patience,
+    report: Report,
+    stopped: threading.Event,
+) -> None:
+    """Send what the node has not acknowledged yet, in parallel, then what may have been cut.
+
+    Raises
+    ------
+    StartAgainError
+        The upload is gone from the node, or its seed.zip was cut.
+    """
+    room = sum(2 * len(file.name) + 64 for file in job.files)
+    with SentLog(folder, job.attempt, room) as log:
+        if SEED in log.done:
+            return
+        if SEED in log.unknown:
+            raise StartAgainError("the last part of the upload may have been cut")
+        left = [file for file in job.files if file.name not in log.begun]
+        sending = _Sending(node, job, log, patience, report, stopped)
+        sending.run(left)
+        again = [file for file in job.files if file.name in log.unknown]
+        if again:
+            _send_seed(sending, folder, again, report)
+
+
+def commit(node: Node, uuid: str, patience: Patience, *, pause_s: float = 1.0) -> None:
+    """Make a task of the upload, or find that an earlier commit has made one.
+
+    Raises
+    ------
+    StartAgainError
+        Neither the task nor the upload is there any more.
+    """
+
+    def ask() -> None:
+        if _has_task(node, uuid):
+            return
+        refusal: Optional[RefusedError] = None
+        try:
+            node.commit(uuid)
+            return
+        except RefusedError as error:
+            refusal = error
+        for _ in range(_LOOKS):  # a commit whose answer was lost may still be at work
+            if _has_task(node, uuid):
+                return
+            time.sleep(pause_s)
+        passing = any(sign in refusal.reason.lower() for sign in _FOR_NOW)
+        if isinstance(refusal, TaskLostError) or passing:
+            raise StartAgainError(str(refusal))
+        raise refusal
+
+    patience.through(ask)
+
+
+def _has_task(node: Node, uuid: str) -> bool:
+    try:
+        node.task(uuid)
+    except TaskLostError:
+        return False
+    return True
+
+
+class _Sending:
+    """One upload's workers, and what they share."""
+
+    def __init__(
+        self,
+        node: Node,
+        job: Job,
+        log: SentLog,
+        patience: Patience,
+        report: Report,
+        stopped: threading.Event,
+    ) -> None:
+        self._node, self._job, self.log = node, job, log
+        self._patience, self._report, self._stopped = patience, report, stopped
+        self._lock = threading.Lock()
+        self._queue: Deque[SentFile] = deque()
+        self._under_way: Dict[str, int] = {}
+        self._failure: Optional[BaseException] = None
+        self._total = sum(file.size for file in job.files)
+        self._acknowledged = sum(file.size for file in job.files if file.name in log.done)
+
+    def run(self, files: List[SentFile]) -> None:
+        """Send files; return when each has been acknowledged or may have been cut."""
+        self._queue.extend(files)
+        threads = [
+            threading.Thread(target=self._work, daemon=True)
+            for _ in range(min(PARALLEL, len(files)))
+        ]
+        for thread in threads:
+            thread.start()
+        try:
+            while any(thread.is_alive() for thread in threads):
+                next(thread for thread in threads if thread.is_alive()).join(REPORT_S)
+                self._tell()
+                if self._failure is not None:
+                    break
+        except BaseException:
+            self._stopped.set()
+            raise
+        finally:
+            self._end(threads)
+        self._tell()
+        if self._failure is not None:
+            raise self._failure
+
+    def send(self, file: SentFile) -> bool:
+        """Send one file; False when its fate is unknown."""
+        while not self._ended():
+            if self._patience.is_tried:
+                self._patience.through(self._node.info)
+            self.log.begin(file.name)
+            try:
+                self._node.upload(
+                    self._job.uuid,
+                    Path(file.path),
+                    file.name,
+                    sent=lambda count: self._count(file.name, count),
+                    stopped=self._ended,
+                )
+            except OutageError as error:
+                outage = error
+            except StoppedError:
+                return False
+            else:
+                self.log.finish(file.name)
+                self._settle(file)
+                self._patience.over()
+                return True
+            self._under_way.pop(file.name, None)
+            if outage.unsent:
+                self.log.retract(file.name)
+            self._patience.endure(outage)
+            if not outage.unsent:
+                return False
+        return False
+
+    def _work(self) -> None:
+        try:
+            while not self._ended():
+                with self._lock:
+                    file = self._queue.popleft() if self._queue else None
+                if file is None:
+                    return
+                self.send(file)
+        except StoppedError:
+            return
+        except BaseException as error:
+            self._failure = self._failure or _translated(error)
+
+    def _ended(self) -> bool:
+        return self._stopped.is_set() or self._failure is not None
+
+    def _end(self, threads: List[threading.Thread]) -> None:
+        """Wait a little; a worker that is still blocked in the line ends with the process."""
+        end = time.monotonic() + JOIN_S
+        for thread in threads:
+            thread.join(max(0.0, end - time.monotonic()))
+
+    def _count(self, name: str, count: int) -> None:
+        with self._lock:
+            self._under_way[name] = self._under_way.get(name, 0) + count
+
+    def _settle(self, file: SentFile) -> None:
+        with self._lock:
+            self._under_way.pop(file.name, None)
+            self._acknowledged += file.size
+
+    def _tell(self) -> None:
+        with self._lock:
+            done = self._acknowledged + sum(self._under_way.values())
+        self._report(JobEvent("upload", min(done, self._total), self._total))
+
+
+def _translated(error: BaseException) -> BaseException:
+    if isinstance(error, TaskLostError):
+        return StartAgainError("the node has forgotten the upload")
+    return error
+
+
+def _send_seed(sending: _Sending, folder: Path, files: List[SentFile], report: Report) -> None:
+    report(
+        JobEvent(
+            "message", text=f"{len(files)} files may have been cut; they are sent again packed"
+        )
+    )
+    path = folder / SEED
+    try:
+        _pack(path, files)
+        status = path.stat()
+        whole = sending.send(SentFile(SEED, str(path), status.st_size, status.st_mtime_ns))
+    except TaskLostError as error:
+        raise StartAgainError("the node has forgotten the upload") from error
+    finally:
+        path.unlink(missing_ok=True)
+    if not whole:
+        raise StartAgainError("the last part of the upload may have been cut")
+
+
+def _pack(path: Path, files: List[SentFile]) -> None:
+    try:
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED, strict_timestamps=False) as archive:
+            for file in files:
+                archive.write(file.path, f"images/{file.name}")
+    except (OSError, ValueError) as error:
+        if isinstance(error, QuantifyError):
+            raise
+        raise OutputError(
+            f"{path}: cannot be packed ({getattr(error, 'strerror', None) or error}); make room, "
+            "then resume"
+        ) from error

@@ -1,0 +1,360 @@
+"""One request to a server, done carefully; the only module that knows requests.
+
+Each request has a connection of its own: a kept one may be closed by the other side just when a
+file is on its way, and then nobody knows whether the file arrived. Secrets never get into a
+message: what requests raises holds the whole URL, so it is put into our own words and dropped.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import threading
+import time
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Callable, Dict, Iterator, Mapping, Optional, Sequence
+from urllib.parse import parse_qsl, urlencode, urljoin, urlsplit, urlunsplit
+
+import requests
+import requests.auth
+import urllib3
+
+from ..errors import OutputError, ServerError
+from .addresses import checked_url, origin, trusted
+from .redaction import forms, hidden, mask_logs, plain
+
+__all__ = ["OutageError", "RefusedError", "Server"]
+
+CONNECT_S = 30.0
+SILENCE_S = 60.0  # without a byte: the line is dead
+ANSWER_SILENCES = 5  # how long all of a small answer may take, however slowly it drips
+ANSWER_BYTES = 64 << 20
+BLOCK = 1 << 18
+REDIRECTS = 5
+SPARE_BYTES = 64 << 20  # to leave free on the disk
+_NEVER_CONNECTED = ("NewConnectionError", "NameResolutionError", "ConnectTimeout", "Tunnel conn")
+
+
+class OutageError(ServerError):
+    """The line or the server is down for now; the same request may work later.
+
+    Attributes
+    ----------
+    unsent : whether surely nothing of the request reached the server.
+    """
+
+    def __init__(self, message: str, *, unsent: bool = False) -> None:
+        super().__init__(message)
+        self.unsent = unsent
+
+
+class RefusedError(ServerError):
+    """The server understood and said no.
+
+    Attributes
+    ----------
+    reason : what it said, without secrets.
+    """
+
+    def __init__(self, message: str, reason: str) -> None:
+        super().__init__(message)
+        self.reason = reason
+
+
+class _Headers(requests.auth.AuthBase):
+    """Our own headers and no others: requests would take a password from ~/.netrc instead."""
+
+    def __init__(self, headers: Mapping[str, str]) -> None:
+        self._headers = headers
+
+    def __call__(self, request: requests.PreparedRequest) -> requests.PreparedRequest:
+        request.headers.update(self._headers)
+        return request
+
+
+class Server:
+    """A server under one address.
+
+    Parameters
+    ----------
+    url : http or https, with any port and any path prefix.
+    query, headers : sent with each request, to this host only.
+    secrets : texts that must show nowhere.
+    ca : a file of certificates to trust instead of the system's.
+    insecure : trust any certificate.
+    silence_s : how long the line may be without a byte.
+    way_in : what to do when the server wants to know who asks; ends a message.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        *,
+        query: Optional[Mapping[str, str]] = None,
+        headers: Optional[Mapping[str, str]] = None,
+        secrets: Sequence[str] = (),
+        ca: Optional[Path] = None,
+        insecure: bool = False,
+        silence_s: float = SILENCE_S,
+        way_in: str = "check the credentials",
+    ) -> None:
+        self._way_in = way_in
+        self._secrets = [form for secret in secrets if secret for form in forms(secret)]
+        self.url = checked_url(url).rstrip("/")
+        self.name = plain(urlsplit(self.url).netloc)
+        self._query, self._headers = dict(query or {}), dict(headers or {})
+        self._silence_s, self._answer_s = silence_s, silence_s * ANSWER_SILENCES
+        self._verify = trusted(ca, insecure)
+        self._proxies = requests.utils.get_environ_proxies(self.url)  # slow: not for each request
+        mask_logs(self._secrets)
+
+    def __repr__(self) -> str:
+        return f"Server({self.url!r})"
+
+    def redact(self, text: str) -> str:
+        """Return the text with every secret replaced."""
+        return hidden(text, self._secrets)
+
+    def json(
+        self,
+        method: str,
+        path: str,
+        *,
+        query: Optional[Mapping[str, str]] = None,
+        headers: Optional[Mapping[str, str]] = None,
+        bounded: bool = True,
+        **body: Any,
+    ) -> Any:
+        """Send one request and return its JSON answer.
+
+        `body` is what requests takes: ``data``, ``files`` or ``json``. `bounded` is False for an
+        upload: it may take as long as it goes on.
+
+        Raises
+        ------
+        OutageError
+            Worth trying again later.
+        ServerError
+            Not worth it; RefusedError when the answer holds an ``error``.
+        """
+
+        def ask() -> Any:
+            with self._request(method, path, query, headers, **body) as response:
+                return self._parsed(response)
+
+        return _bounded(ask, self._answer_s, self.name) if bounded else ask()
+
+    def download(
+        self, path: str, part: Path, progress: Callable[[int, Optional[int]], None]
+    ) -> None:
+        """Write what is at a path into a file and check its length.
+
+        `progress` is told the bytes so far and, where the server says so, of how many.
+        """
+        plainly = {"Accept-Encoding": "identity"}  # a packed stream's length is another
+        with self._request("GET", path, None, plainly) as response:
+            kind = response.headers.get("Content-Type", "").lower()
+            if "json" in kind or "html" in kind:
+                self._parsed(response)
+                raise ServerError(f"{self.name}: sent {plain(kind, 40)} where a file was expected")
+            packed = response.headers.get("Content-Encoding", "identity") != "identity"
+            length = response.headers.get("Content-Length", "")
+            total = int(length) if length.isdigit() and not packed else None
+            _require_room(part, total)
+            done = self._save(response, part, total, progress)
+        if total is not None and done != total:
+            raise OutageError(f"{self.name}: the download ended after {done} of {total} bytes")
+
+    def _save(
+        self,
+        response: requests.Response,
+        part: Path,
+        total: Optional[int],
+        progress: Callable[[int, Optional[int]], None],
+    ) -> int:
+        done = 0
+        try:
+            with part.open("wb") as out:
+                for block in response.iter_content(BLOCK):
+                    out.write(block)
+                    done += len(block)
+                    progress(done, total)
+        except requests.RequestException:
+            raise  # an OSError too, but the line's
+        except OSError as error:
+            raise OutputError(
+                f"{part}: cannot be written ({error.strerror or error}); make room, or mend the "
+                "folder, and resume"
+            ) from error
+        return done
+
+    @contextmanager
+    def _request(
+        self,
+        method: str,
+        path: str,
+        query: Optional[Mapping[str, str]],
+        headers: Optional[Mapping[str, str]],
+        **body: Any,
+    ) -> Iterator[requests.Response]:
+        """Give the answer to a request once its status is good; everything else is our error."""
+        failure: Optional[ServerError] = None
+        url = self.url + path
+        with requests.Session() as session:
+            try:
+                response = self._send(session, method, url, query, dict(headers or {}), body)
+                with response:
+                    self._require_good(response)
+                    yield response
+            except requests.RequestException as error:
+                failure = self._explained(error)
+            except urllib3.exceptions.HTTPError as error:
+                failure = OutageError(f"{self.name}: the connection broke ({type(error).__name__})")
+        if failure is not None:  # raised here so that it has no context with the URL in it
+            raise failure
+
+    def _send(
+        self,
+        session: requests.Session,
+        method: str,
+        url: str,
+        query: Optional[Mapping[str, str]],
+        headers: Dict[str, str],
+        body: Mapping[str, Any],
+    ) -> requests.Response:
+        """Send, and follow redirects of a GET; what is secret stays with the host it is for."""
+        own = urlsplit(self.url)
+        asked = {**self._query, **(query or {})}
+        url = f"{url}?{urlencode(asked)}" if asked else url
+        for _ in range(REDIRECTS + 1):
+            ours = origin(url) == origin(self.url)
+            session.trust_env, session.proxies = not ours, dict(self._proxies) if ours else {}
+            session.auth = _Headers({"Connection": "close", **(self._headers if ours else {})})
+            response = session.request(
+                method,
+                url,
+                headers=headers,
+                timeout=(CONNECT_S, self._silence_s),
+                stream=True,
+                allow_redirects=False,
+                verify=self._verify,
+                **body,
+            )
+            target = response.headers.get("Location")
+            if response.status_code not in (301, 302, 303, 307, 308) or not target:
+                return response
+            response.close()
+            session.close()  # the next request has a connection of its own, too
+            url = urljoin(url, target)
+            other = urlsplit(url)
+            if method != "GET" or other.scheme not in ("http", "https"):
+                break
+            if own.scheme == "https" and other.scheme != "https":
+                break
+            if origin(url) != origin(self.url):
+                url = self._without_secrets(url)
+        moved = plain(self.redact(urlunsplit((*urlsplit(url)[:3], "", ""))))
+        raise ServerError(
+            f"{self.name}: sends elsewhere, to {moved}; give the address where the server really is"
+        )
+
+    def _without_secrets(self, url: str) -> str:
+        parts = urlsplit(url)
+        kept = [(k, v) for k, v in parse_qsl(parts.query, True) if self.redact(v) == v]
+        if len(kept) == len(parse_qsl(parts.query, True)):
+            return url  # left as it is: a signed address must not be written anew
+        return urlunsplit((*parts[:3], urlencode(kept), ""))
+
+    def _require_good(self, response: requests.Response) -> None:
+        status = response.status_code
+        if status == 200:
+            return
+        said = f"{self.name}: answers with status {status}"
+        if status in (408, 425, 429) or status >= 500:
+            raise OutageError(f"{said}; expected 200", unsent=status == 429)
+        ways = {
+            401: f"refuses who asks (401), or wants to know it; {self._way_in}",
+            403: "forbids this (403): the token, or the address that you come from, may not do it",
+            404: "has nothing there (404); check the URL, its port and its path prefix",
+            413: "or a proxy before it refuses a file of that size (413); raise the proxy's limit "
+            "(nginx: client_max_body_size)",
+        }
+        raise ServerError(f"{self.name}: {ways[status]}" if status in ways else said)
+
+    def _parsed(self, response: requests.Response) -> Any:
+        content, end = b"", time.monotonic() + self._answer_s
+        for block in response.iter_content(BLOCK):
+            content += block
+            if len(content) > ANSWER_BYTES or time.monotonic() > end:
+                raise OutageError(f"{self.name}: answers with no end; expected a short JSON text")
+        if content.lstrip()[:1] == b"<":
+            raise OutageError(
+                f"{self.name}: answers with a web page; expected JSON: check the URL, its prefix, "
+                "and whether a proxy or a login page stands between"
+            )
+        failure = None
+        try:
+            document = json.loads(content.decode("utf-8"))
+        except (ValueError, RecursionError):
+            failure = OutageError(f"{self.name}: answers with something that is no JSON")
+        if failure is not None:
+            raise failure
+        if isinstance(document, dict) and document.get("error"):
+            reason = plain(self.redact(str(document["error"])))
+            raise RefusedError(f"{self.name}: {reason}", reason)
+        return document
+
+    def _explained(self, error: requests.RequestException) -> ServerError:
+        words = repr(error)
+        if "CERTIFICATE_VERIFY_FAILED" in words:
+            return ServerError(
+                f"{self.name}: its certificate is not trusted; give its authority's (--ca FILE) "
+                "or use --insecure"
+            )
+        if "WRONG_VERSION_NUMBER" in words or "record layer failure" in words:
+            return ServerError(f"{self.name}: speaks no TLS on this port; try http:// for https://")
+        if isinstance(error, (requests.exceptions.InvalidURL, requests.exceptions.InvalidSchema)):
+            return ServerError(f"{self.name}: is no address that can be asked; check the URL")
+        unsent = any(
+            sign in words
+            for sign in (
+                "NewConnectionError",
+                "NameResolutionError",
+                "ConnectTimeout",
+                "Tunnel conn",
+            )
+        )
+        if isinstance(error, requests.exceptions.ReadTimeout):
+            return OutageError(f"{self.name}: says nothing for {self._silence_s:.0f} s")
+        if unsent:
+            return OutageError(f"{self.name}: cannot be reached", unsent=True)
+        return OutageError(f"{self.name}: the connection broke")
+
+
+def _require_room(part: Path, total: Optional[int]) -> None:
+    free = shutil.disk_usage(part.parent).free
+    if total is not None and total + SPARE_BYTES > free:
+        raise OutputError(
+            f"{part}: needs {total / 1e9:.1f} GB, {free / 1e9:.1f} GB are free; make room, resume"
+        )
+
+
+def _bounded(ask: Callable[[], Any], within_s: float, name: str) -> Any:
+    """Give up on a server that drips its answer byte by byte; no socket timeout sees that."""
+    box: Dict[str, Any] = {}
+
+    def run() -> None:
+        try:
+            box["answer"] = ask()
+        except BaseException as error:
+            box["error"] = error
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    thread.join(within_s)
+    if "error" in box:
+        raise box["error"]
+    if "answer" not in box:
+        raise OutageError(f"{name}: has not answered in full within {within_s:.0f} s")
+    return box["answer"]

@@ -1,0 +1,218 @@
+"""Photographs, checked before any is sent: what hours of uploading must not end with.
+
+Only headers are decoded. Whether a file is whole is told by its structure (see `photo_files`),
+which takes milliseconds where decoding takes half a second.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple, Union
+
+from PIL import Image
+
+from ..errors import InputError
+from .photo_files import KINDS, kind_of, truncation
+from .redaction import plain
+
+__all__ = ["Photo", "PhotoSummary", "check_photos"]
+
+SUFFIXES = (".jpg", ".jpeg", ".tif", ".tiff", ".dng", ".png")
+FEWEST = 3  # fewer share no point
+SHOWN = 3  # names in a message
+_EXIF_IFD, _GPS_IFD = 0x8769, 0x8825
+_MAKE, _MODEL = 271, 272
+_LATITUDE, _LONGITUDE = 2, 4
+
+
+@dataclass(frozen=True)
+class Photo:
+    """A photograph: its file, its size in bytes and pixels, and what its header says.
+
+    `camera` is make and model; `has_gps` whether latitude and longitude are there.
+    """
+
+    path: Path
+    size: int
+    mtime_ns: int
+    width: int
+    height: int
+    camera: str
+    has_gps: bool
+
+    @property
+    def name(self) -> str:
+        """The name that the node is to know it by."""
+        return self.path.name
+
+
+@dataclass(frozen=True)
+class PhotoSummary:
+    """All photographs of a job, in the order of their names, and what is worth saying of them."""
+
+    photos: Tuple[Photo, ...]
+    ignored: Tuple[Path, ...]
+    warnings: Tuple[str, ...]
+
+    @property
+    def size(self) -> int:
+        """Bytes of all files."""
+        return sum(photo.size for photo in self.photos)
+
+    @property
+    def with_gps(self) -> int:
+        """How many photographs know where they were taken."""
+        return sum(photo.has_gps for photo in self.photos)
+
+    @property
+    def cameras(self) -> Mapping[str, int]:
+        """How many photographs each camera took, the busiest first."""
+        return dict(Counter(photo.camera for photo in self.photos).most_common())
+
+
+def check_photos(paths: Iterable[Union[str, Path]], *, allow_faulty: bool = False) -> PhotoSummary:
+    """Look at every photograph; folders stand for the photographs directly in them.
+
+    Parameters
+    ----------
+    paths : files and folders.
+    allow_faulty : leave photographs that cannot be used out, with a warning, instead of raising.
+
+    Raises
+    ------
+    InputError
+        None or too few are there, some cannot be used, or two have the same name.
+    """
+    files, ignored = _expanded([Path(path) for path in paths])
+    photos: List[Photo] = []
+    faults: Dict[Path, str] = {}
+    for path in files:
+        found = _look(path)
+        if isinstance(found, Photo):
+            photos.append(found)
+        else:
+            faults[path] = found
+    if faults and not allow_faulty:
+        raise InputError(_told(faults, len(files)))
+    _refuse_namesakes(photos)
+    if len(photos) < FEWEST:
+        raise InputError(
+            f"{len(photos)} photographs are there, expected at least {FEWEST} that overlap; give "
+            f"files or folders of {', '.join(KINDS)}"
+        )
+    photos.sort(key=lambda photo: photo.name)
+    notes = [_told(faults, len(files)) + " They are left out."] if faults else []
+    return PhotoSummary(tuple(photos), tuple(ignored), (*notes, *_notes(photos, ignored)))
+
+
+def _expanded(paths: Sequence[Path]) -> Tuple[List[Path], List[Path]]:
+    """Files to look at, each once, and what in folders is no photograph."""
+    files: Dict[Path, Path] = {}
+    ignored: List[Path] = []
+    for path in paths:
+        if not path.is_dir():
+            files.setdefault(path.resolve(), path)
+            continue
+        try:
+            inside = sorted(item for item in path.iterdir() if not item.name.startswith("."))
+        except OSError as error:
+            raise InputError(f"{path}: cannot be listed ({error.strerror or error})") from error
+        for item in inside:
+            if item.suffix.lower() in SUFFIXES and not item.is_dir():
+                files.setdefault(item.resolve(), item)
+            else:
+                ignored.append(item)
+    return list(files.values()), ignored
+
+
+def _look(path: Path) -> Union[Photo, str]:
+    """Give a photograph, or what is wrong with it."""
+    try:
+        if not path.is_file():
+            return "is not a file" if path.exists() else "does not exist"
+        status = path.stat()
+        if status.st_size == 0:
+            return "is empty"
+        kind = kind_of(path)
+        if kind is None:
+            return f"is no {', '.join(KINDS)}"
+        if path.suffix.lower() not in SUFFIXES:
+            return f"is a {kind} without its suffix, which OpenDroneMap goes by; rename it"
+        cut = truncation(path, kind)
+        if cut is not None:
+            return cut
+        width, height, camera, has_gps = _header(path)
+    except OSError as error:
+        return f"cannot be read ({error.strerror or plain(error, 60)})"
+    except Exception as error:  # Pillow on damaged headers: SyntaxError, struct.error, ...
+        return f"has a damaged header ({type(error).__name__})"
+    return Photo(path, status.st_size, status.st_mtime_ns, width, height, camera, has_gps)
+
+
+def _header(path: Path) -> Tuple[int, int, str, bool]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # large sensors, odd EXIF: ODM reads them
+        with Image.open(path) as image:
+            width, height = image.size
+            exif = image.getexif()
+            gps = exif.get_ifd(_GPS_IFD)
+            camera = " ".join(_word(exif.get(tag)) for tag in (_MAKE, _MODEL)).strip()
+    return width, height, camera or "unknown camera", _is_place(gps)
+
+
+def _word(value: Any) -> str:
+    return plain(str(value).strip("\x00 "), 40) if value else ""
+
+
+def _is_place(gps: Mapping[int, Any]) -> bool:
+    """Latitude and longitude, and not the 0, 0 of a receiver without satellites."""
+    try:
+        values = [float(part) for tag in (_LATITUDE, _LONGITUDE) for part in gps[tag]]
+    except (KeyError, TypeError, ValueError, ZeroDivisionError):
+        return False
+    return len(values) == 6 and all(abs(v) <= 360 for v in values) and any(values)
+
+
+def _told(faults: Mapping[Path, str], count: int) -> str:
+    told = [f"{path} {fault}" for path, fault in list(faults.items())[:SHOWN]]
+    more = f"; and {len(faults) - SHOWN} more" if len(faults) > SHOWN else ""
+    return (
+        f"{len(faults)} of {count} photographs cannot be used: {'; '.join(told)}{more}; replace "
+        "or leave out these files."
+    )
+
+
+def _refuse_namesakes(photos: Sequence[Photo]) -> None:
+    """Nodes rename the second file of a name, and some file systems know no capitals."""
+    first: Dict[str, Photo] = {}
+    for photo in photos:
+        other = first.setdefault(photo.name.casefold(), photo)
+        if other is not photo:
+            raise InputError(
+                f"{other.path} and {photo.path} have the same name, which a node cannot keep "
+                "apart (capitals do not count); rename one"
+            )
+
+
+def _notes(photos: Sequence[Photo], ignored: Sequence[Path]) -> List[str]:
+    notes = []
+    missing = [photo.name for photo in photos if not photo.has_gps]
+    if len(missing) == len(photos):
+        notes.append(
+            "No photograph has a GPS position: without control the result has no true size."
+        )
+    elif missing:
+        notes.append(f"{len(missing)} of {len(photos)} photographs have no GPS position.")
+    cameras = {photo.camera for photo in photos}
+    if len(cameras) > 1:
+        notes.append(
+            f"The photographs are from {len(cameras)} cameras: {', '.join(sorted(cameras))}."
+        )
+    texts: Optional[List[Path]] = [path for path in ignored if path.suffix.lower() == ".txt"]
+    if texts:
+        names = ", ".join(path.name for path in texts[:SHOWN])
+        notes.append(f"Not sent, because a node takes any text file for GCPs: {plain(names)}.")
+    return notes

@@ -1,0 +1,46 @@
+"""Photographs that cameras could have taken, and an all.zip that ODM could have packed."""
+
+import io
+import zipfile
+
+import numpy as np
+from PIL import Image
+from PIL.TiffImagePlugin import ImageFileDirectory_v2
+
+PLACE = {1: "N", 2: (34.0, 24.0, 29.9), 3: "W", 4: (119.0, 52.0, 47.6)}
+
+
+def photograph(path, *, seed=0, gps=True, camera=("DJI", "FC220"), pad=0, size=(64, 48)):
+    """Write a small picture with a header; `pad` bytes follow its end, as with some cameras."""
+    rng = np.random.default_rng(seed)
+    image = Image.fromarray(rng.integers(0, 255, (size[1], size[0], 3), dtype=np.uint8))
+    exif = Image.Exif() if path.suffix.lower() not in (".tif", ".tiff") else ImageFileDirectory_v2()
+    if camera:
+        exif[271], exif[272] = camera
+    if gps:
+        exif[0x8825] = dict(PLACE)
+    image.save(path, **({"exif": exif} if isinstance(exif, Image.Exif) else {"tiffinfo": exif}))
+    if pad:
+        with path.open("ab") as file:
+            file.write(rng.bytes(pad))
+    return path
+
+
+def photographs(folder, count=6, pad=0, **rest):
+    """Write a folder of them."""
+    folder.mkdir(parents=True, exist_ok=True)
+    return [
+        photograph(folder / f"IMG_{number:04}.JPG", seed=number, pad=pad, **rest)
+        for number in range(count)
+    ]
+
+
+def all_zip(seed=0, size=200_000):
+    """Pack what looks like an output."""
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
+        noise = np.random.default_rng(seed).bytes(size)
+        archive.writestr("odm_georeferencing/odm_georeferenced_model.laz", noise)
+        archive.writestr("odm_report/shots.geojson", "{}")
+        archive.writestr("odm_orthophoto/odm_orthophoto.tif", noise[:1000])
+    return out.getvalue()
