@@ -125,11 +125,8 @@ def _moves(found: Fit) -> List[str]:
     if found.mode != "shift" or found.shift_std_m is None:
         return []
     similarity = found.similarity
-    across, up = (
-        similarity.shift - similarity.pivot,
-        float((similarity.shift - similarity.pivot)[2]),
-    )
-    moved = float(np.linalg.norm(across[:2]))
+    east, north, up = (float(value) for value in similarity.shift - similarity.pivot)
+    moved = float(np.hypot(east, north))
     height = f", by {up:+.2f} m in height" if abs(up) >= 0.005 else ""
     turned = np.degrees(np.arctan2(similarity.rotation[1, 0], similarity.rotation[0, 0]))
     heading = f"{found.heading_std_deg:.2g}" if found.heading_std_deg is not None else "?"

@@ -30,10 +30,16 @@ def to_json(measurement: Measurement) -> Dict[str, Any]:
         "grid_scale_factor": measurement.grid_scale_factor,
         "scale": None if measurement.scale is None else scale_json(measurement.scale),
         "results": [_result(result) for result in measurement.results],
-        "warnings": list(measurement.warnings),
+        "warnings": _warnings(measurement),
         "provenance": measurement.provenance,
     }
     return {key: plain(value) for key, value in document.items()}
+
+
+def _warnings(measurement: Measurement) -> List[str]:
+    """Return what concerns the whole cloud, its scale included: some programs look here only."""
+    scaling = () if measurement.scale is None else measurement.scale.warnings
+    return list(dict.fromkeys([*measurement.warnings, *scaling]))
 
 
 def interval95(value: Optional[float], std: Optional[float]) -> Optional[List[float]]:

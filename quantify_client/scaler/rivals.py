@@ -30,7 +30,8 @@ _APART = 3.3
 _VAGUE = 0.2
 
 _NAMES = {"gps": "positions", "distance": "tapes", "scale_bar": "scale bars"}
-_UNITS = {0.3048: "feet taken for metres", 1.0 / 0.3048: "metres taken for feet"}
+
+_FOOT_M = 0.3048
 
 
 def rivalry(found: Adjustment) -> Tuple[float, List[str]]:
@@ -54,16 +55,15 @@ def rivalry(found: Adjustment) -> Tuple[float, List[str]]:
     large, small = (math.exp(alone[kind][0]) for kind in pair)
     said = (
         f"the {_NAMES[pair[0]]} alone say {large:.5g}, the {_NAMES[pair[1]]} alone {small:.5g}: "
-        f"one of them is wrong as a whole{_unit(small / large)}; half of the difference is added "
+        f"one of them is wrong as a whole{_cause(small / large)}; half of the difference is added "
         "to the scale's error"
     )
     return 0.5 * worst, [said]
 
 
-def _unit(ratio: float) -> str:
-    for known, words in _UNITS.items():
-        if abs(math.log(ratio / known)) < 0.05 or abs(math.log(ratio * known)) < 0.05:
-            return f" ({words}?)"
+def _cause(ratio: float) -> str:
+    if abs(math.log(ratio / _FOOT_M)) < 0.05:
+        return " (are feet and metres mixed up?)"
     return " (its unit, its tape, its datum?)"
 
 

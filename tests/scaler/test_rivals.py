@@ -30,7 +30,7 @@ def test_tapes_a_percent_too_long_are_told_and_doubted() -> None:
 
 
 def test_feet_for_metres_are_refused_by_name() -> None:
-    with pytest.raises(ControlError, match=r"as a whole \(metres taken for feet|feet taken"):
+    with pytest.raises(ControlError, match=r"as a whole \(are feet and metres mixed up\?\)"):
         lengthened(0.3048, gps=0.02)
 
 
