@@ -1,5 +1,6 @@
 # make demo    install into .venv and measure the bundled OpenDroneMap cloud
 # make test    everything that must pass: lint, format, types, import contracts, tests, Python 3.9
+# make coverage   the tests once more, with the lines that none of them reaches
 # make lint    the checks that need no test run        make format   let ruff mend what it can
 # make clean   remove what these made
 #
@@ -25,7 +26,7 @@ OLD_PINS := numpy==1.26.2 scipy==1.11.3
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test lint lint39 format suite suite39 say39 clean
+.PHONY: demo test lint lint39 format suite suite39 say39 coverage clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -46,6 +47,9 @@ format: $(DEV)/.ready
 	$(DEV)/bin/ruff format .
 
 suite: $(DEV)/.ready
+	MPLBACKEND=Agg $(DEV)/bin/python -m pytest -n $(JOBS)
+
+coverage: $(DEV)/.ready
 	MPLBACKEND=Agg $(DEV)/bin/python -m pytest -n $(JOBS) --cov
 
 ifneq ($(PYTHON39),)
