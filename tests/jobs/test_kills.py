@@ -75,8 +75,9 @@ def test_ctrl_c_leaves_a_job_that_resumes(tmp_path):
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs Linux's /proc")
 def test_memory_does_not_grow_with_the_files(tmp_path):
-    peaks = [_peak(tmp_path / name, size) for name, size in (("small", 0), ("large", 16_000_000))]
-    assert peaks[1] - peaks[0] < 8_000, peaks  # kB; one file alone is 16 000
+    peaks = [_peak(tmp_path / name, size) for name, size in (("small", 0), ("large", 32_000_000))]
+    # kB; one file alone is 32 000, and the buffers of the threads some thousands
+    assert peaks[1] - peaks[0] < 16_000, peaks
     assert peaks[1] < 150_000, peaks
 
 
