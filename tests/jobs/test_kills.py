@@ -14,12 +14,13 @@ from photographs import all_zip, photograph, photographs
 
 from quantify_client.jobs import create_job, plan_job
 
-# Random moments, many times: once is enough.
-pytestmark = pytest.mark.statistics
-
 DRIVER = Path(__file__).with_name("driver.py")
 KILLS = int(os.environ.get("QUANTIFY_KILLS", "4"))
-pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals")
+pytestmark = [
+    pytest.mark.skipif(sys.platform == "win32", reason="signals"),
+    # Random moments, many times: on one Python is enough.
+    pytest.mark.statistics,
+]
 
 
 def _drive(folder):
