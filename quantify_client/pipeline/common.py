@@ -70,10 +70,11 @@ def placed_level(
     ----------
     at : about where it counts, in the cloud's own frame: a level of a tilted cloud is tilted.
     """
-    moves = isinstance(frame, PlacedFrame) and options.area_frame == "cloud"
-    if not moves or not isinstance(level, (int, float)):
+    if not isinstance(frame, PlacedFrame) or options.area_frame != "cloud":
         return level
-    row = frame.matrix[2]  # type: ignore[attr-defined]
+    if not isinstance(level, (int, float)):
+        return level
+    row = frame.matrix[2]
     x, y = (at.min_x + at.max_x) / 2, (at.min_y + at.max_y) / 2
     return float(row[0] * x + row[1] * y + row[2] * level + row[3])
 

@@ -22,6 +22,9 @@ from .site import free_site, height_notes
 
 __all__ = ["convert_control"]
 
+#: How well a place in the cloud is known where nobody says, in the cloud's own unit.
+_PLACE = 0.05
+
 #: An elevation known no better than this is told: OpenDroneMap takes every one as exact ...
 _POOR_M = 0.5
 
@@ -48,6 +51,8 @@ def convert_control(
     site = free_site(control, places)
     network, notes = build_network(control, site.local, site.level, places)
     warnings = [*control.warnings, *height_notes(control, site), *notes]
+    if any(place.accuracy is None for place in control.cloud.values()):
+        warnings.append(f"places in the cloud have no accuracy: {_PLACE} is taken; give 'accuracy'")
     solved: List[ControlledPoint] = []
     direct: Tuple[DirectHeight, ...] = ()
     left_out: List[str] = []
@@ -88,7 +93,7 @@ def convert_control(
 
 def _own_place(control: Control, name: str) -> CloudPlace:
     place = control.cloud[name]
-    accuracy = 0.05 if place.accuracy is None else place.accuracy
+    accuracy = _PLACE if place.accuracy is None else place.accuracy
     return CloudPlace(np.array(place.xyz), accuracy**2 * np.eye(3))
 
 

@@ -205,9 +205,8 @@ def _points(found: Fit, site: Site, frame: PlacedFrame) -> Tuple[List[Controlled
     adjustment = found.adjustment
     network, state = adjustment.model.network, adjustment.state
     std = point_std(adjustment)
-    moved = state.shift + np.exp(state.log_scale) * (network.cloud - network.pivot) @ (
-        state.rotation.T
-    )
+    factor = float(np.exp(state.log_scale))
+    moved = Similarity(factor, state.rotation, state.shift, network.pivot).apply(network.cloud)
     lon = lat = np.full(len(network.names), np.nan)
     if site.local is not None and network.placed.any():
         lon, lat = site.local.to_wgs84(state.points)
