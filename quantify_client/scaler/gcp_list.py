@@ -13,35 +13,25 @@ import numpy as np
 from ..crs import odm_header, plane_of
 from ..errors import ControlError, CrsError, OutputError
 from .files import shown
-from .gcp_rows import GcpRows, read_gcp_rows
+from .gcp_rows import GcpRows
 from .nouns import Control, Pick
 from .sightings import control_points, sightings
 from .trees import quoted
 
-__all__ = ["control_of", "read_gcp_list", "write_gcp_list"]
+__all__ = ["control_of", "write_gcp_list"]
 
 _DECIMALS_GRID = 4  # of coordinates in metres or feet, and of heights
 _DECIMALS_DEGREES = 10
 _Place = Tuple[float, float, float]
 
 
-def read_gcp_list(path: Union[str, Path]) -> Control:
-    """Read a gcp_list.txt as control of its own.
+def control_of(listed: GcpRows, label: str) -> Control:
+    """Make control of a list that has been read; `label` is what the user gave.
 
     Points without a name in the seventh column are told apart by their coordinates and called
     ``gcp-1``, ``gcp-2`` ... Heights that are all 0 are taken as unknown, which is the paper's
     relative control; x y z written as ``nan`` are unknown too. Accuracies are None.
-
-    Raises
-    ------
-    ControlError
-        When the file cannot be read, or a row of it cannot be meant so.
     """
-    return control_of(read_gcp_rows(path), str(path))
-
-
-def control_of(listed: GcpRows, label: str) -> Control:
-    """Make control of a list that has been read; `label` is what the user gave."""
     seen = sightings(listed, {}, None)
     points, warnings = control_points(listed, seen.points, listed.plane)
     positions = any(point.x is not None for point in points.values())

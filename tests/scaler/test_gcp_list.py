@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from quantify_client.crs import positions_to
 from quantify_client.errors import ControlError, OutputError
 from quantify_client.scaler.control import read_control
-from quantify_client.scaler.gcp_list import read_gcp_list, write_gcp_list
+from quantify_client.scaler.gcp_list import write_gcp_list
 from quantify_client.scaler.nouns import ControlPoint, Pick
 
 COPR = Path(__file__).resolve().parents[3] / "shared/data/copr_gcps"
@@ -26,7 +26,7 @@ ROW = "235281.01 3811195.14 12.5 730.5 1019.9 IMG_0031.jpg"
 
 def listed(folder: Path, text: str):
     (folder / "gcp_list.txt").write_text(text, encoding="utf-8")
-    return read_gcp_list(folder / "gcp_list.txt")
+    return read_control(folder / "gcp_list.txt")
 
 
 # --- in
@@ -171,7 +171,7 @@ def test_mistake_is_named_in_one_line(text: str, fragment: str, tmp_path: Path) 
 
 @NEEDS_COPR
 def test_real_list_is_relative_control() -> None:
-    found = read_gcp_list(COPR / "gcp_list.txt")
+    found = read_control(COPR / "gcp_list.txt")
     assert sorted(found.points) == [f"gcp{n:02d}" for n in range(10)]
     assert all(point.elevation_m is None for point in found.points.values())
     assert found.crs == "EPSG:32611"
@@ -184,7 +184,7 @@ def test_real_list_is_relative_control() -> None:
 
 @NEEDS_COPR
 def test_real_list_of_coordinates_has_the_same_places() -> None:
-    found = read_gcp_list(COPR / "gcp_list_noimg.txt")
+    found = read_control(COPR / "gcp_list_noimg.txt")
     assert list(found.points) == [f"gcp{n:02d}" for n in range(1, 11)]
     averages = read_control(COPR / "GPS_average.txt")
     for number in range(1, 11):
@@ -195,7 +195,7 @@ def test_real_list_of_coordinates_has_the_same_places() -> None:
 @NEEDS_COPR
 def test_real_list_without_coordinates_is_refused() -> None:
     with pytest.raises(ControlError, match="without coordinates or names fix nothing"):
-        read_gcp_list(COPR / "gcp_list_nocoord.txt")
+        read_control(COPR / "gcp_list_nocoord.txt")
 
 
 # --- out
@@ -264,7 +264,7 @@ def test_written_list_reads_back(crs, step, points, pixels, tmp_path_factory) ->
     places = dict(zip(points, zip(east.tolist(), north.tolist(), height.tolist())))
     assume(len({tuple(np.round(place, 3)) for place in places.values()}) == len(places))
     assert write_gcp_list(path, crs, places, picks) == []
-    found = read_gcp_list(path)
+    found = read_control(path)
     assert found.crs == crs
     assert list(found.points) == list(points)
     assert found.picks == tuple(picks)
