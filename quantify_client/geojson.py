@@ -18,6 +18,7 @@ import numpy as np
 import shapely
 
 from .errors import AreaError
+from .small_files import read_small
 from .types import FloatArray
 
 __all__ = [
@@ -93,31 +94,8 @@ def read_geojson(path: Path) -> List[Outline]:
 
 
 def check_file(path: Path) -> bytes:
-    """Read a file of bounded size, and name what is often found in its place."""
-    try:
-        if not path.is_file():  # a device or pipe would never end
-            state = "is not a file" if path.exists() else "does not exist"
-            raise AreaError(f"{path} {state}; expected a file with polygons")
-        with path.open("rb") as stream:
-            data = stream.read(MAX_BYTES + 1)
-    except (OSError, ValueError) as error:
-        if isinstance(error, AreaError):
-            raise
-        said = getattr(error, "strerror", None) or error
-        raise AreaError(f"{str(path)[:200]!r} cannot be read: {said}") from error
-    if len(data) > MAX_BYTES:
-        raise AreaError(
-            f"{path.name} is larger than {MAX_BYTES // 1_000_000} MB; "
-            "keep only the polygons to be measured, or simplify them"
-        )
-    start = data[:512].lstrip(b"\xef\xbb\xbf \t\r\n").lower()
-    if not start:
-        raise AreaError(f"{path.name} is empty; expected polygons")
-    if start.startswith(b"version https://git-lfs"):
-        raise AreaError(f"{path.name} is a Git LFS pointer; fetch the file with 'git lfs pull'")
-    if start.startswith((b"<!doctype html", b"<html")):
-        raise AreaError(f"{path.name} is a web page, not polygons; download the file itself")
-    return data
+    """Read a file of polygons, of bounded size."""
+    return read_small(path, most=MAX_BYTES, what="polygons", error=AreaError)
 
 
 def geojson_outlines(document: Any, where: str = "the GeoJSON object") -> List[Outline]:

@@ -7,11 +7,14 @@ from pathlib import Path
 from typing import Union
 
 from ..errors import ControlError
+from ..small_files import read_small
 
 __all__ = ["MAX_BYTES", "read_text", "shown"]
 
 MAX_BYTES = 10_000_000
 _MAX_SHOWN = 60
+
+_EXPECTED = "a control file with points, distances or scale bars"
 
 
 def read_text(path: Union[str, Path]) -> str:
@@ -27,19 +30,7 @@ def read_text(path: Union[str, Path]) -> str:
     """
     path = Path(path)
     name = shown(path.name or path)
-    data = _read_bytes(path)
-    if len(data) > MAX_BYTES:
-        raise ControlError(
-            f"{name} is larger than {MAX_BYTES // 1_000_000} MB; expected a control file, which "
-            "holds a few points and distances"
-        )
-    start = data[:512].lstrip(b"\xef\xbb\xbf \t\r\n").lower()
-    if not start:
-        raise ControlError(f"{name} is empty; expected points, distances or scale bars")
-    if start.startswith(b"version https://git-lfs"):
-        raise ControlError(f"{name} is a Git LFS pointer; fetch the file with 'git lfs pull'")
-    if start.startswith((b"<!doctype html", b"<html")):
-        raise ControlError(f"{name} is a web page, not control; download the file itself")
+    data = read_small(path, most=MAX_BYTES, what=_EXPECTED, error=ControlError, label=name)
     wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     try:
         text = data.decode("utf-16" if wide else "utf-8-sig")
@@ -49,27 +40,6 @@ def read_text(path: Union[str, Path]) -> str:
     if "\x00" in text:
         raise ControlError(_binary(name))
     return text
-
-
-def _read_bytes(path: Path) -> bytes:
-    try:
-        if not path.is_file():  # a device or pipe would never end
-            if path.is_dir():
-                state = "is a folder; give the control file in it"
-            elif path.exists():
-                state = "is not a file; expected a control file"
-            else:
-                state = "does not exist; check the path of the control file"
-            raise ControlError(f"{shown(path)} {state}")
-        with path.open("rb") as stream:
-            return stream.read(MAX_BYTES + 1)
-    except (OSError, ValueError) as error:
-        if isinstance(error, ControlError):
-            raise
-        said = getattr(error, "strerror", None) or error
-        raise ControlError(
-            f"{shown(path)} cannot be read: {said}; check its path and permissions"
-        ) from error
 
 
 def _binary(name: str) -> str:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, List, Mapping, Optional, Tuple
 
 from ..errors import ControlError
+from ..small_files import read_small
 
 __all__ = ["features", "is_number", "numbers", "read_object", "shown"]
 
@@ -32,41 +33,12 @@ def read_object(path: Path, expected: str) -> Mapping[str, Any]:
     ControlError
         Not there, too large, no JSON, or no object; one line that names the file.
     """
-    document = _parse(path, _content(path, expected), expected)
+    document = _parse(
+        path, read_small(path, most=MAX_BYTES, what=expected, error=ControlError), expected
+    )
     if not isinstance(document, dict):
         raise ControlError(f"{path}: holds no JSON object; expected {expected}")
     return document
-
-
-def _content(path: Path, expected: str) -> bytes:
-    try:
-        if not path.is_file():  # a device or pipe would never end
-            state = "is not a file" if path.exists() else "does not exist"
-            raise ControlError(f"{path}: {state}; expected {expected}")
-        with path.open("rb") as stream:
-            data = stream.read(MAX_BYTES + 1)
-    except (OSError, ValueError) as error:
-        if isinstance(error, ControlError):
-            raise
-        said = getattr(error, "strerror", None) or error
-        raise ControlError(f"{path}: cannot be read ({said}); expected {expected}") from error
-    if len(data) > MAX_BYTES:
-        raise ControlError(
-            f"{path}: is larger than {MAX_BYTES // 1_000_000} MB; expected {expected}"
-        )
-    start = data[:512].lstrip(b"\xef\xbb\xbf \t\r\n").lower()
-    if not start:
-        raise ControlError(f"{path}: is empty; expected {expected}: download it again")
-    if start.startswith(b"version https://git-lfs"):
-        raise ControlError(
-            f"{path}: is a Git LFS pointer, not the file itself; run 'git lfs pull' where it comes "
-            "from, or download the file itself"
-        )
-    if start.startswith((b"<!doctype", b"<html")):
-        raise ControlError(
-            f"{path}: is a web page (HTML); log in where it comes from and download the file itself"
-        )
-    return data
 
 
 def _parse(path: Path, data: bytes, expected: str) -> Any:
