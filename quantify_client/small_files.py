@@ -26,7 +26,7 @@ def read_small(
         if not path.is_file():  # a device or pipe would never end
             state = "does not exist"
             if path.exists():
-                state = "is not a file but a folder" if path.is_dir() else "is not a file"
+                state = "is a folder, not a file" if path.is_dir() else "is not a file"
             raise error(f"{name} {state}; expected {what}: check the path")
         with path.open("rb") as stream:
             data = stream.read(most + 1)

@@ -243,7 +243,7 @@ def test_files_that_are_not_there_are_refused(tmp_path: Path) -> None:
     shots, cameras = write_shots(tmp_path, [feature("A.JPG", SITE, DOWN)])
     gone = tmp_path / "gone.json"
     _refused(lambda: read_shots(gone, cameras), "does not exist", gone)
-    _refused(lambda: read_shots(shots, tmp_path), "is not a file", tmp_path)
+    _refused(lambda: read_shots(shots, tmp_path), "not a file", tmp_path)
     _refused(lambda: read_shots(shots, gone), "does not exist; expected the cameras.json", gone)
 
 
