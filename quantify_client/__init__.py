@@ -9,9 +9,11 @@ if TYPE_CHECKING:
     from .errors import QuantifyError
     from .pipeline import convert_control, describe, measure, scale
     from .report import to_json, write_report
+    from .sfm.access import Access
     from .types import AreaFailure, AreaResult, Measurement, Options
 
 __all__ = [
+    "Access",
     "AreaFailure",
     "AreaResult",
     "Measurement",
@@ -25,7 +27,7 @@ __all__ = [
     "write_report",
 ]
 
-_ROOMS = ("errors", "types", "pipeline", "report")
+_ROOMS = ("errors", "types", "sfm.access", "pipeline", "report")
 
 
 def __getattr__(name: str) -> Any:

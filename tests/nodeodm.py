@@ -9,14 +9,12 @@ import io
 import json
 import re
 import shutil
-import threading
 import zipfile
-from contextlib import contextmanager
-from dataclasses import dataclass, field
-from http.server import ThreadingHTTPServer
+from dataclasses import dataclass
 from pathlib import Path
 
 from nodeodm_http import Handler
+from stand_in import StandIn
 
 TOKEN = "s3cret/tok+en"  # noqa: S105 - with what a URL has to quote
 QUEUED, RUNNING, FAILED, COMPLETED, CANCELED = 10, 20, 30, 40, 50
@@ -63,82 +61,23 @@ class Task:
     estimate: int = 0
 
 
-@dataclass
-class Fault:
-    """What to do to the n-th request that fits; `times` says to how many in a row."""
-
-    kind: str
-    path: str = ""
-    skip: int = 0
-    times: int = 1
-    value: object = None
-
-
-@dataclass
-class Seen:
-    """Requests, as (method, path); the path with its query."""
-
-    lines: list = field(default_factory=list)
-    headers: list = field(default_factory=list)
-
-    def count(self, part):
-        return sum(part in path for _, path in self.lines)
-
-
-class NodeODM:
+class NodeODM(StandIn):
     """The node: what it has on its disk, and the faults it is going to have."""
 
+    handler = Handler
+
     def __init__(self, folder, *, archive, token=None, prefix="", cluster=False, max_images=None):
+        super().__init__(prefix)
         self.folder = Path(folder)
         self.uploads, self.data = self.folder / "tmp", self.folder / "data"
         self.uploads.mkdir(parents=True, exist_ok=True)
         self.data.mkdir(exist_ok=True)
-        self.archive, self.token, self.prefix = archive, token, prefix
+        self.archive, self.token = archive, token
         self.cluster, self.max_images = cluster, max_images
-        self.tasks, self.faults, self.seen = {}, [], Seen()
-        self.lock = threading.RLock()
+        self.tasks = {}
         self.script = [(RUNNING, 40.0), (COMPLETED, 100.0)]
         self.output = ["[INFO]    Running opensfm stage", "[INFO]    done"]
-        self.port, self._server = 0, None
-        self.context = None
-        self.slow_s, self.kind = 0.0, "application/zip"
-
-    @property
-    def url(self):
-        scheme = "https" if self.context else "http"
-        return f"{scheme}://127.0.0.1:{self.port}{self.prefix}"
-
-    @contextmanager
-    def running(self, port=0):
-        self.start(port)
-        try:
-            yield self
-        finally:
-            self.stop()
-
-    def start(self, port=0):
-        class Listening(ThreadingHTTPServer):
-            daemon_threads = True
-            allow_reuse_address = True
-
-            def handle_error(self, request, client_address):
-                pass  # clients that are killed are the point
-
-        handler = type("Handler", (Handler,), {"node": self})
-        self._server = Listening(("127.0.0.1", port or self.port), handler)
-        if self.context:
-            self._server.socket = self.context.wrap_socket(self._server.socket, server_side=True)
-        self.port = self._server.server_address[1]
-        threading.Thread(target=self._server.serve_forever, args=(0.02,), daemon=True).start()
-
-    def stop(self):
-        if self._server:
-            self._server.shutdown()
-            self._server.server_close()
-            self._server = None
-
-    def fault(self, kind, path="", *, skip=0, times=1, value=None):
-        self.faults.append(Fault(kind, path, skip, times, value))
+        self.kind = "application/zip"
 
     def kill(self):
         """SIGKILL: tasks that the hourly dump does not have are gone with their files."""
@@ -153,20 +92,6 @@ class NodeODM:
             for task in self.tasks.values():
                 if task.status == RUNNING:
                     task.status, task.progress, task.asked = QUEUED, 0.0, 0
-
-    def struck(self, kind, path):
-        """Take a fault that is due for this request."""
-        with self.lock:
-            for fault in self.faults:
-                if fault.kind == kind and fault.path in path:
-                    if fault.skip:
-                        fault.skip -= 1
-                        continue
-                    fault.times -= 1
-                    if fault.times <= 0:
-                        self.faults.remove(fault)
-                    return fault
-        return None
 
     def files(self, uuid=None):
         """What a task has among its images: name to content."""

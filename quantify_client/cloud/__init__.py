@@ -6,17 +6,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Callable, Dict, Sequence
+from typing import Callable, Dict, Mapping, Optional, Sequence
 
 from ..errors import CloudError
 from .base import DEFAULT_CHUNK, Cloud, naming
 from .copc import open_las
 from .ept import EptCloud
+from .ept_index import Fetch
 from .ply import PlyCloud
 from .text import TextCloud
 from .tiles import TiledCloud, require_distinct
 
-__all__ = ["DEFAULT_CHUNK", "SUFFIXES", "Cloud", "open_cloud", "refuse_impostor"]
+__all__ = ["DEFAULT_CHUNK", "SUFFIXES", "Cloud", "Fetch", "open_cloud", "refuse_impostor"]
 
 _READERS: Dict[str, Callable[[Path], Cloud]] = {
     ".las": open_las,
@@ -32,11 +33,12 @@ SUFFIXES = tuple(_READERS)
 _FEWEST = 4  # three points span a plane but no volume
 
 
-def open_cloud(paths: Sequence[Path]) -> Cloud:
+def open_cloud(paths: Sequence[Path], fetchers: Optional[Mapping[Path, Fetch]] = None) -> Cloud:
     """Open a point cloud: one file, or several tiles of one survey in any mix of formats.
 
     LAS, LAZ, COPC and EPT are opened by their headers; PLY and text have no bounds in theirs and
-    are read once here.
+    are read once here. An ept.json that has a fetcher is the only file of its set that has to be
+    there.
 
     Raises
     ------
@@ -48,7 +50,7 @@ def open_cloud(paths: Sequence[Path]) -> Cloud:
     if not files:
         raise CloudError("no point cloud is given; expected at least one file")
     require_distinct(files)
-    clouds = [_open_one(path) for path in files]
+    clouds = [_open_one(path, (fetchers or {}).get(path)) for path in files]
     cloud = clouds[0] if len(clouds) == 1 else TiledCloud(clouds)
     count = cloud.info.point_count
     if count is not None and count < _FEWEST:
@@ -57,7 +59,7 @@ def open_cloud(paths: Sequence[Path]) -> Cloud:
     return cloud
 
 
-def _open_one(path: Path) -> Cloud:
+def _open_one(path: Path, fetch: Optional[Fetch] = None) -> Cloud:
     with naming(path, "check the path"):
         if not path.exists():
             raise CloudError(f"{path}: does not exist; check the path")
@@ -65,7 +67,7 @@ def _open_one(path: Path) -> Cloud:
             raise CloudError(f"{path}: is not a file; expected a point cloud")
     if path.name.lower() == "ept.json":
         refuse_impostor(path)
-        return EptCloud(path)
+        return EptCloud(path, fetch)
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
         kinds = ", ".join(SUFFIXES)

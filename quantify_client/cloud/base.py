@@ -15,7 +15,7 @@ from typing import Any, Dict, Iterable, Iterator, Optional, Protocol, Tuple
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import CloudError
+from ..errors import CloudError, QuantifyError
 from ..types import Bounds, Chunk, CloudInfo, FloatArray, Window
 
 DEFAULT_CHUNK = 1_000_000
@@ -184,7 +184,7 @@ def naming(path: Path, advice: str) -> Iterator[None]:
     """
     try:
         yield
-    except (CloudError, KeyboardInterrupt, SystemExit, GeneratorExit):
+    except (QuantifyError, KeyboardInterrupt, SystemExit, GeneratorExit):
         raise
     except PermissionError:
         raise CloudError(

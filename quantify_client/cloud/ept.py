@@ -11,7 +11,7 @@ import numpy.typing as npt
 from ..errors import CloudError
 from ..types import Chunk, CloudInfo, FloatArray, Window
 from .base import DEFAULT_CHUNK, gather, naming, require_finite, sort_out, touches
-from .ept_index import AGAIN, EptIndex, read_index
+from .ept_index import AGAIN, EptIndex, Fetch, read_index
 from .las import read_points
 from .las_header import read_layout
 
@@ -19,10 +19,11 @@ _KINDS = {"signed": "i", "unsigned": "u", "float": "f"}
 
 
 class EptCloud:
-    """One EPT set, given by its ept.json."""
+    """One EPT set, given by its ept.json; `fetch` brings the rest where that lies elsewhere."""
 
-    def __init__(self, path: Path) -> None:
-        self._index = read_index(path)
+    def __init__(self, path: Path, fetch: Optional[Fetch] = None) -> None:
+        self._index = read_index(path, fetch)
+        self._fetch = fetch
         self.info = CloudInfo(
             sources=(str(path),),
             format="ept",
@@ -37,9 +38,12 @@ class EptCloud:
         return gather(self._tiles(window, size), size)
 
     def _tiles(self, window: Optional[Window], size: int) -> Iterator[Chunk]:
-        for key, count in self._index.tiles.items():
-            if touches(self._index.box(key), window):
-                yield from _read_tile(self._index, key, count, size)
+        index = self._index
+        touched = [key for key in index.tiles if touches(index.box(key), window)]
+        if self._fetch is not None:
+            self._fetch({index.tile_name(key): index.tile_bytes(key) for key in touched})
+        for key in touched:
+            yield from _read_tile(index, key, index.tiles[key], size)
 
 
 def _read_tile(index: EptIndex, key: str, count: int, size: int) -> Iterator[Chunk]:

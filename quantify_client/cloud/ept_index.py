@@ -1,7 +1,8 @@
 """The index of an Entwine Point Tile set: ept.json and its hierarchy, read with suspicion.
 
 Keys become file names, so they are checked before; files are small, so their size is capped;
-nothing outside the set's folder is opened, not even through a link.
+nothing outside the set's folder is opened, not even through a link. Where the set lies elsewhere, a
+`Fetch` brings the files that are about to be read.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Tuple
+from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
 from ..errors import CloudError
 from ..types import Bounds
@@ -20,8 +21,18 @@ from .base import naming
 AGAIN = "expected a complete EPT set: copy or export the folder again"
 _MAX_JSON = 64 << 20  # bytes
 _MAX_LEVEL = 60
+_MAX_PARTS = 20_000  # files of a hierarchy that is fetched
+_TILE_HEAD = 1 << 20  # bytes of a tile beside its points
+_POINT_BYTES = 256  # at most, of one point
 _KEY = re.compile(r"(\d{1,2})-(\d{1,18})-(\d{1,18})-(\d{1,18})", re.ASCII)
 _SUFFIX = {"laszip": ".laz", "binary": ".bin"}
+
+Fetch = Callable[[Mapping[str, int]], None]
+"""Puts files of a set into their places: names within the set, and how many bytes each may have.
+
+What is in place already is left alone; what does not exist stays missing, and whoever reads it
+says so.
+"""
 
 
 @dataclass(frozen=True)
@@ -58,11 +69,19 @@ class EptIndex:
 
     def tile(self, key: str) -> Path:
         """The file of a tile."""
-        return _inside(self.root, f"ept-data/{key}{_SUFFIX[self.data_type]}")
+        return _inside(self.root, self.tile_name(key))
+
+    def tile_name(self, key: str) -> str:
+        """Name of a tile's file within the set."""
+        return f"ept-data/{key}{_SUFFIX[self.data_type]}"
+
+    def tile_bytes(self, key: str) -> int:
+        """How large a tile's file may be."""
+        return _TILE_HEAD + self.tiles[key] * _POINT_BYTES
 
 
-def read_index(source: Path) -> EptIndex:
-    """Read ept.json and its whole hierarchy.
+def read_index(source: Path, fetch: Optional[Fetch] = None) -> EptIndex:
+    """Read ept.json and its whole hierarchy, which `fetch` brings where it is given.
 
     Raises
     ------
@@ -79,7 +98,7 @@ def read_index(source: Path) -> EptIndex:
                 f"{source}: its tiles are of type {data_type[:40]!r}; expected laszip (or "
                 "binary): convert the set, or give the LAZ file it was made from"
             )
-        tiles = _hierarchy(root)
+        tiles = _hierarchy(root, fetch)
         index = EptIndex(
             source=source,
             root=root,
@@ -119,17 +138,23 @@ def _json(path: Path) -> Dict[str, Any]:
     return content
 
 
-def _hierarchy(root: Path) -> Dict[str, int]:
+def _hierarchy(root: Path, fetch: Optional[Fetch]) -> Dict[str, int]:
     """Points per tile; a count of -1 says that a file of the tile's name goes on from there."""
     tiles: Dict[str, int] = {}
     waiting: List[str] = ["0-0-0-0"]
     seen = set()
+    new = list(waiting)
     while waiting:
+        if fetch is not None and new:
+            fetch({_part(name): _MAX_JSON for name in new})
+            new = []
         name = waiting.pop()
         if name in seen:
             continue
         seen.add(name)
-        path = _inside(root, f"ept-hierarchy/{name}.json")
+        path = _inside(root, _part(name))
+        if fetch is not None and len(seen) > _MAX_PARTS:
+            raise CloudError(f"{path}: is one of more than {_MAX_PARTS} parts of an index; {AGAIN}")
         for key, count in _json(path).items():
             if not _is_key(key) or not isinstance(count, int) or count < -1:
                 raise CloudError(
@@ -138,9 +163,14 @@ def _hierarchy(root: Path) -> Dict[str, int]:
                 )
             if count == -1:
                 waiting.append(key)
+                new.append(key)
             elif count:
                 tiles[key] = count
     return tiles
+
+
+def _part(name: str) -> str:
+    return f"ept-hierarchy/{name}.json"
 
 
 def _is_key(key: str) -> bool:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import shutil
+import uuid
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Iterable, List, Mapping, Optional, Tuple, Union
 
 from ..errors import InputError, JobError, OutputError
-from ..sfm.node import Node, split_token
+from ..sfm.access import Access
+from ..sfm.node import split_token
 from ..sfm.patience import Patience
 from ..sfm.photos import PhotoSummary, check_photos
 from ..sfm.presets import MINIMAL_OUTPUTS, choose_options
 from .events import JobEvent, Report, silent
-from .journal import JOURNAL, READY, Job, SentFile, locked, save
+from .journal import JOURNAL, NODE, READY, WEBODM, Job, SentFile, locked, save
+from .servers import connect
 
 __all__ = ["Plan", "create_job", "plan_job"]
 
@@ -37,6 +41,8 @@ class Plan:
     insecure: bool = False
     engine: str = ""
     notes: Tuple[str, ...] = field(default=())
+    project: Optional[int] = None
+    label: str = "Node"
 
     def lines(self) -> List[str]:
         """Summarise the job for people."""
@@ -44,7 +50,7 @@ class Plan:
         cameras = ", ".join(f"{name} ({count})" for name, count in photos.cameras.items())
         shown = " ".join(f"{name}={_word(value)}" for name, value in sorted(self.options.items()))
         return [
-            f"Node: {self.url} {self.engine}".rstrip(),
+            f"{self.label}: {self.url} {self.engine}".rstrip(),
             f"Photographs: {len(photos.photos)}, {photos.size / 1e6:.1f} MB, "
             f"{photos.with_gps} with GPS, from {cameras}",
             f"Control: {self.gcp}" if self.gcp else "Control: none is sent",
@@ -59,6 +65,8 @@ def plan_job(
     url: str,
     token: Optional[str] = None,
     *,
+    project: Optional[int] = None,
+    access: Optional[Access] = None,
     name: Optional[str] = None,
     preset: str = "default",
     options: Optional[Mapping[str, Any]] = None,
@@ -76,7 +84,9 @@ def plan_job(
     Parameters
     ----------
     images : files and folders.
-    url, token, ca, insecure : the node.
+    url, token, ca, insecure : the node; or, with a `project`, the WebODM server.
+    project : number of the project there that is to hold the task.
+    access : who asks WebODM; by default what the environment says.
     name : what the node is to call the task; by default the first image's folder.
     preset, options, split, ground : see `choose_options`.
     minimal : have only what measuring needs packed into the result.
@@ -90,30 +100,36 @@ def plan_job(
         The node cannot be reached or refuses the token.
     """
     photos = check_photos(images, allow_faulty=allow_faulty)
-    node = Node(url, token, ca=ca, insecure=insecure)
+    if access is not None and project is not None:
+        ca, insecure = access.ca or ca, access.insecure or insecure
+    node = connect(url, token, project=project, access=access, ca=ca, insecure=insecure)
     patience = Patience(FIRST_CONTACT_S, lambda text: report(JobEvent("message", text=text)))
-    info = patience.through(node.info)
+    engine = patience.through(node.engine)
     chosen, notes = choose_options(
         patience.through(node.options), preset, options, ground=ground, split=split
     )
-    if isinstance(info.max_images, int) and len(photos.photos) > info.max_images:
+    if engine.max_images is not None and len(photos.photos) > engine.max_images:
         raise InputError(
             f"{len(photos.photos)} photographs are there, and {node.name} takes at most "
-            f"{info.max_images}; give fewer, or another node"
+            f"{engine.max_images}; give fewer, or another node"
         )
     if gcp is not None:
         _require_control(gcp, photos)
+    if minimal and node.packs_all:
+        notes = (*notes, "WebODM always packs everything into its all.zip.")
     return Plan(
         url=node.url,
         name=name or photos.photos[0].path.resolve().parent.name or "quantify",
         photos=photos,
         options=chosen,
-        outputs=MINIMAL_OUTPUTS if minimal else (),
+        outputs=MINIMAL_OUTPUTS if minimal and not node.packs_all else (),
         gcp=gcp,
         ca=ca,
         insecure=insecure,
-        engine=f"({info.engine} {info.engine_version}, API {info.version})",
+        engine=engine.words,
         notes=notes,
+        project=project,
+        label=node.label,
     )
 
 
@@ -137,9 +153,7 @@ def create_job(plan: Plan, folder: Path, then: Optional[Mapping[str, Any]] = Non
             for photo in plan.photos.photos
         ]
         if plan.gcp is not None:
-            status = plan.gcp.stat()
-            gcp = SentFile(GCP_NAME, str(plan.gcp.resolve()), status.st_size, status.st_mtime_ns)
-            files.append(gcp)
+            files.append(_kept_control(plan.gcp, folder))
         job = Job(
             url=split_token(plan.url)[0],
             name=plan.name,
@@ -149,8 +163,24 @@ def create_job(plan: Plan, folder: Path, then: Optional[Mapping[str, Any]] = Non
             ca=str(plan.ca.resolve()) if plan.ca else None,
             insecure=plan.insecure,
             then=dict(then or {}),
+            kind=NODE if plan.project is None else WEBODM,
+            project=plan.project,
+            marker="" if plan.project is None else f"quantify-client upload {uuid.uuid4()}",
         )
         return save(folder, job, state=READY)
+
+
+def _kept_control(gcp: Path, folder: Path) -> SentFile:
+    """Keep a copy in the job's folder: what is sent is that, whatever becomes of the original."""
+    kept = folder / GCP_NAME
+    try:
+        shutil.copyfile(gcp, kept)
+    except shutil.SameFileError:
+        pass
+    except OSError as error:
+        raise OutputError(f"{kept}: cannot be written ({error.strerror or error})") from error
+    status = kept.stat()
+    return SentFile(GCP_NAME, str(kept.resolve()), status.st_size, status.st_mtime_ns)
 
 
 def _require_control(gcp: Path, photos: PhotoSummary) -> None:

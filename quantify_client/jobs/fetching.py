@@ -6,10 +6,11 @@ from pathlib import Path
 
 from ..errors import JobError, QuantifyError, ServerError
 from ..sfm.http import RefusedError
-from ..sfm.node import ArchiveError, Node, TaskLostError
+from ..sfm.node import ArchiveError, TaskLostError
 from ..sfm.patience import Patience
 from .events import JobEvent, Report
 from .journal import ARCHIVE, Job
+from .servers import TaskServer
 from .waiting import AGAIN
 
 __all__ = ["fetch"]
@@ -17,7 +18,7 @@ __all__ = ["fetch"]
 BAD_ARCHIVES = 3
 
 
-def fetch(node: Node, folder: Path, job: Job, patience: Patience, report: Report) -> Path:
+def fetch(node: TaskServer, folder: Path, job: Job, patience: Patience, report: Report) -> Path:
     """Download the task's all.zip; an outage in between starts it again, as nodes know no ranges.
 
     Raises

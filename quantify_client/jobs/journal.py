@@ -2,7 +2,7 @@
 
 ``job.json`` is replaced whole, and ``sent-N.jsonl`` grows by one line for each file begun and each
 file acknowledged in the N-th upload. What is about to happen is on the disk before it does, so that
-both hold after a power cut. No token is ever in them.
+both hold after a power cut. No token, user or password is ever in them.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ from typing import Any, Dict, Iterator, Mapping, Optional, Set, Tuple
 
 from ..errors import JobError, OutputError
 
-__all__ = ["Job", "SentFile", "SentLog", "load", "locked", "save"]
+__all__ = ["NODE", "WEBODM", "Job", "SentFile", "SentLog", "load", "locked", "save"]
 
 SCHEMA = "quantify-job/1"
+NODE, WEBODM = "node", "webodm"
 JOURNAL, LOCK, ARCHIVE, SEED = "job.json", "job.lock", "all.zip", "seed.zip"
 READY, UPLOADING, COMMITTING, WAITING, FETCHING, DONE, CANCELLED, SPOILED = (
     *("ready", "uploading", "committing", "waiting", "fetching", "done", "cancelled", "spoiled"),
@@ -50,7 +51,9 @@ class Job:
 
     Attributes
     ----------
-    url, ca, insecure : the node, without its token.
+    url, ca, insecure : the server, without any credentials.
+    kind, project : NODE; or WEBODM and the number of the project there.
+    marker : what an upload is called on a WebODM until it is known to be there.
     name, options, outputs, files : what is asked for and what is sent.
     then : whatever the caller wants to find again when the result is there.
     state : one of STATES.
@@ -71,6 +74,9 @@ class Job:
     uuid: str = ""
     attempt: int = 0
     archive_bytes: Optional[int] = None
+    kind: str = NODE
+    project: Optional[int] = None
+    marker: str = ""
 
     @property
     def images(self) -> int:
@@ -84,6 +90,8 @@ def load(folder: Path) -> Job:
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
         if document.pop("schema") != SCHEMA or document["state"] not in STATES:
+            raise ValueError
+        if (document.get("kind", NODE) == NODE) != (document.get("project") is None):
             raise ValueError
         files = tuple(SentFile(**item) for item in document.pop("files"))
         return Job(files=files, outputs=tuple(document.pop("outputs")), **document)

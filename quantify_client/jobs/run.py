@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Callable, Dict, Optional
 
 from ..errors import JobError, ServerError
+from ..sfm.access import Access
 from ..sfm.http import RefusedError
-from ..sfm.node import Node, TaskLostError, TaskStatus
+from ..sfm.node import TaskLostError, TaskStatus
 from ..sfm.patience import Patience
 from .events import JobEvent, Report, silent
 from .fetching import fetch
@@ -30,6 +31,7 @@ from .journal import (
     locked,
     save,
 )
+from .servers import TaskServer, server_of
 from .upload import StartAgainError, commit, require_unchanged, send_all
 from .waiting import AGAIN, MiscountedError, lost, wait_for
 
@@ -51,6 +53,7 @@ def run_job(
     folder: Path,
     token: Optional[str] = None,
     *,
+    access: Optional[Access] = None,
     report: Report = silent,
     patience_h: float = 12.0,
     resubmit: bool = False,
@@ -62,9 +65,11 @@ def run_job(
     ----------
     folder : where `create_job` wrote the journal; the all.zip comes there too.
     token : of the node; the journal does not hold it.
+    access : who asks a WebODM server; by default what the environment says.
     report : told how it goes, from this thread or another.
     patience_h : how long one outage may last.
-    resubmit : send everything again, once, when the task was lost, failed or was cancelled.
+    resubmit : have it done again, once, when the task was lost, failed or was cancelled; what
+        the server still has is not sent again where it can be kept from being used twice.
 
     Returns
     -------
@@ -81,7 +86,9 @@ def run_job(
     hint = f"'quantify-client resume {folder}' goes on from here"
     failure: Optional[ServerError] = None
     with locked(folder):
-        run = _Run(folder, load(folder), token, report, patience_h * 3600, resubmit, pace)
+        job = load(folder)
+        node = server_of(job, token, access, pace.silence_s)
+        run = _Run(folder, job, node, report, patience_h * 3600, resubmit, pace)
         try:
             return run.through()
         except KeyboardInterrupt:
@@ -92,7 +99,13 @@ def run_job(
     raise failure
 
 
-def cancel_job(folder: Path, token: Optional[str] = None, *, patience_h: float = 0.01) -> str:
+def cancel_job(
+    folder: Path,
+    token: Optional[str] = None,
+    *,
+    access: Optional[Access] = None,
+    patience_h: float = 0.01,
+) -> str:
     """End a job, here and on the node; return what has happened in one line.
 
     A task that has completed is left alone: its result can still be fetched.
@@ -101,20 +114,28 @@ def cancel_job(folder: Path, token: Optional[str] = None, *, patience_h: float =
         job = load(folder)
         if job.state == DONE:
             return f"the job is finished; its result is {folder / ARCHIVE}"
-        if job.state in (COMMITTING, WAITING, FETCHING, SPOILED):
-            node = _node(job, token, Pace())
+        if job.state not in (READY, CANCELLED):
+            node = server_of(job, token, access, Pace().silence_s)
             patience = Patience(patience_h * 3600, lambda text: None)
-            try:
-                if patience.through(lambda: node.task(job.uuid)).status == TaskStatus.COMPLETED:
+            with suppress(TaskLostError):  # as good as cancelled
+                if not patience.through(lambda: _cancelled(node, job)):
                     return (
                         f"task {job.uuid} has completed meanwhile; 'quantify-client resume "
                         f"{folder}' fetches its result"
                     )
-                patience.through(lambda: node.cancel(job.uuid))
-            except TaskLostError:
-                pass  # as good as cancelled
         save(folder, job, state=CANCELLED)
         return f"the job is cancelled; 'quantify-client resume {folder} --resubmit' would redo it"
+
+
+def _cancelled(node: TaskServer, job: Job) -> bool:
+    """Have the server end a job; False when its task has completed."""
+    if job.state == UPLOADING or (job.state == COMMITTING and not node.is_committed(job.uuid)):
+        node.discard(job.uuid)
+        return True
+    if node.task(job.uuid).status == TaskStatus.COMPLETED:
+        return False
+    node.cancel(job.uuid)
+    return True
 
 
 class _Run:
@@ -124,7 +145,7 @@ class _Run:
         self,
         folder: Path,
         job: Job,
-        token: Optional[str],
+        node: TaskServer,
         report: Report,
         limit_s: float,
         resubmit: bool,
@@ -135,7 +156,7 @@ class _Run:
         self._resubmit, self._uploads = resubmit, 0
         self._lock = threading.Lock()
         self._report = report
-        self._node = _node(job, token, pace)
+        self._node = node
         self._patience = Patience(limit_s, self._say, self.stopped, first_pause_s=pace.pause_s)
 
     def through(self) -> Path:
@@ -181,9 +202,12 @@ class _Run:
         require_unchanged(self._job)
         job, sent = self._job, self._folder / f"sent-{self._job.attempt}.jsonl"
         if not sent.exists():
-            self._patience.through(
+            there = self._patience.through(
                 lambda: self._node.init(job.uuid, job.name, job.options, job.outputs)
             )
+            if there != job.uuid:
+                self._save(uuid=there)
+                job = self._job
         send_all(self._node, self._folder, job, self._patience, self._tell, self.stopped)
         self._go(COMMITTING)
 
@@ -205,7 +229,7 @@ class _Run:
             self._go(SPOILED)
             with suppress(RefusedError):
                 self._patience.through(lambda: self._node.cancel(self._job.uuid))
-            self._again_or(error)
+            self._again_or(error, whole=True)
         except TaskLostError:
             raise
         except JobError as error:
@@ -218,14 +242,20 @@ class _Run:
         self._save(state=DONE, archive_bytes=path.stat().st_size)
 
     def _refuse(self) -> None:
-        was = "was cancelled" if self._job.state == CANCELLED else "was spoiled while it was sent"
-        self._again_or(JobError(f"{self._folder}: the job {was}; {AGAIN}"))
+        spoiled = self._job.state == SPOILED
+        was = "was spoiled while it was sent" if spoiled else "was cancelled"
+        self._again_or(JobError(f"{self._folder}: the job {was}; {AGAIN}"), whole=spoiled)
 
-    def _again_or(self, error: JobError) -> None:
+    def _again_or(self, error: JobError, *, whole: bool = False) -> None:
         """Submit again where that is wanted, and only once: a task that fails will fail again."""
         if not self._resubmit:
             raise error
         self._resubmit = False
+        task = self._job.uuid
+        if task and not whole and self._patience.through(lambda: self._node.restart(task)):
+            self._say(f"{error}: run again there, with the photographs that it has")
+            self._go(WAITING)
+            return
         self._say(f"{error}: submitted again")
         self._go(READY)
 
@@ -249,13 +279,3 @@ class _Run:
         """Tell the caller, one thread at a time."""
         with self._lock:
             self._report(event)
-
-
-def _node(job: Job, token: Optional[str], pace: Pace) -> Node:
-    return Node(
-        job.url,
-        token,
-        ca=Path(job.ca) if job.ca else None,
-        insecure=job.insecure,
-        silence_s=pace.silence_s,
-    )

@@ -3,7 +3,8 @@
 A node keeps what it got of a file that was cut, and names a second one of the same name ``X_.JPG``.
 So a file whose fate is unknown is never sent again by itself: at the end all such files go together
 in a ``seed.zip``, which the node unpacks over what is there. When that is cut too, only a new
-upload under a new UUID is surely right.
+upload under a new UUID is surely right. Where a second file replaces the first, it is just sent
+again.
 """
 
 from __future__ import annotations
@@ -15,19 +16,21 @@ from collections import deque
 from pathlib import Path
 from typing import Deque, Dict, List, Optional
 
-from ..errors import JobError, OutputError, QuantifyError
+from ..errors import JobError, OutputError, QuantifyError, ServerError
 from ..sfm.http import OutageError, RefusedError
 from ..sfm.multipart import StoppedError
-from ..sfm.node import Node, TaskLostError
+from ..sfm.node import TaskLostError
 from ..sfm.patience import Patience
 from .events import JobEvent, Report
 from .journal import SEED, Job, SentFile, SentLog
+from .servers import TaskServer
 
 __all__ = ["StartAgainError", "commit", "require_unchanged", "send_all"]
 
 PARALLEL = 4
 JOIN_S = 2.0
 REPORT_S = 0.2
+TRIES = 20  # of one file, while the server answers in between
 _LOOKS = 3  # for a task that a commit may just be making
 _FOR_NOW = ("no nodes", "concurrent tasks", "try again", "slow down")
 
@@ -54,7 +57,7 @@ def require_unchanged(job: Job) -> None:
 
 
 def send_all(
-    node: Node,
+    node: TaskServer,
     folder: Path,
     job: Job,
     patience: Patience,
@@ -74,7 +77,8 @@ def send_all(
             return
         if SEED in log.unknown:
             raise StartAgainError("the last part of the upload may have been cut")
-        left = [file for file in job.files if file.name not in log.begun]
+        there = log.done if node.overwrites else log.begun
+        left = [file for file in job.files if file.name not in there]
         sending = _Sending(node, job, log, patience, report, stopped)
         sending.run(left)
         again = [file for file in job.files if file.name in log.unknown]
@@ -82,7 +86,7 @@ def send_all(
             _send_seed(sending, folder, again, report)
 
 
-def commit(node: Node, uuid: str, patience: Patience, *, pause_s: float = 1.0) -> None:
+def commit(node: TaskServer, uuid: str, patience: Patience, *, pause_s: float = 1.0) -> None:
     """Make a task of the upload, or find that an earlier commit has made one.
 
     Raises
@@ -92,7 +96,7 @@ def commit(node: Node, uuid: str, patience: Patience, *, pause_s: float = 1.0) -
     """
 
     def ask() -> None:
-        if _has_task(node, uuid):
+        if node.is_committed(uuid):
             return
         refusal: Optional[RefusedError] = None
         try:
@@ -101,7 +105,7 @@ def commit(node: Node, uuid: str, patience: Patience, *, pause_s: float = 1.0) -
         except RefusedError as error:
             refusal = error
         for _ in range(_LOOKS):  # a commit whose answer was lost may still be at work
-            if _has_task(node, uuid):
+            if node.is_committed(uuid):
                 return
             time.sleep(pause_s)
         passing = any(sign in refusal.reason.lower() for sign in _FOR_NOW)
@@ -112,20 +116,12 @@ def commit(node: Node, uuid: str, patience: Patience, *, pause_s: float = 1.0) -
     patience.through(ask)
 
 
-def _has_task(node: Node, uuid: str) -> bool:
-    try:
-        node.task(uuid)
-    except TaskLostError:
-        return False
-    return True
-
-
 class _Sending:
     """One upload's workers, and what they share."""
 
     def __init__(
         self,
-        node: Node,
+        node: TaskServer,
         job: Job,
         log: SentLog,
         patience: Patience,
@@ -167,6 +163,7 @@ class _Sending:
 
     def send(self, file: SentFile) -> bool:
         """Send one file; False when its fate is unknown."""
+        tries = 0
         while not self._ended():
             if self._patience.is_tried:
                 self._patience.through(self._node.info)
@@ -192,8 +189,13 @@ class _Sending:
             if outage.unsent:
                 self.log.retract(file.name)
             self._patience.endure(outage)
-            if not outage.unsent:
+            if outage.unsent:
+                continue
+            tries += 1
+            if not self._node.overwrites:
                 return False
+            if tries >= TRIES:
+                raise ServerError(f"{outage}, {tries} times over with {file.name}")
         return False
 
     def _work(self) -> None:

@@ -9,10 +9,11 @@ from typing import Callable, List
 from ..errors import JobError
 from ..sfm.http import RefusedError
 from ..sfm.multipart import StoppedError
-from ..sfm.node import Node, TaskLostError, TaskState, TaskStatus
+from ..sfm.node import TaskLostError, TaskState, TaskStatus
 from ..sfm.patience import Patience
 from .events import JobEvent, Report
 from .journal import Job
+from .servers import TaskServer
 
 __all__ = ["AGAIN", "MiscountedError", "lost", "wait_for"]
 
@@ -27,7 +28,7 @@ class MiscountedError(JobError):
 
 
 def wait_for(
-    node: Node,
+    node: TaskServer,
     job: Job,
     patience: Patience,
     report: Report,
@@ -74,17 +75,21 @@ def _require_count(job: Job, state: TaskState) -> None:
 
 
 def _shown(state: TaskState, stage: str) -> str:
+    if state.note:
+        return state.note
     if state.progress is None:
         return "handed on to a node"
     return "queued" if state.status == TaskStatus.QUEUED else stage
 
 
-def _stage(node: Node, job: Job, patience: Patience) -> str:
+def _stage(node: TaskServer, job: Job, patience: Patience) -> str:
     found = _STAGE.findall("\n".join(_output(node, job, patience)))
     return str(found[-1]) if found else ""
 
 
-def _failed(node: Node, job: Job, state: TaskState, patience: Patience, report: Report) -> JobError:
+def _failed(
+    node: TaskServer, job: Job, state: TaskState, patience: Patience, report: Report
+) -> JobError:
     """Say why: the node's own reason, and the end of what the engine said."""
     lines = _output(node, job, patience)[-TAIL:]
     for line in lines:
@@ -97,7 +102,7 @@ def _failed(node: Node, job: Job, state: TaskState, patience: Patience, report: 
     )
 
 
-def _output(node: Node, job: Job, patience: Patience) -> List[str]:
+def _output(node: TaskServer, job: Job, patience: Patience) -> List[str]:
     """The end of the output, where the node gives one; nothing depends on it."""
     return patience.through(lambda: _or_nothing(lambda: node.output(job.uuid, TAIL)))
 
@@ -109,9 +114,9 @@ def _or_nothing(ask: Callable[[], List[str]]) -> List[str]:
         return []
 
 
-def lost(node: Node, job: Job, error: TaskLostError) -> JobError:
+def lost(node: TaskServer, job: Job, error: TaskLostError) -> JobError:
     """Say that a task is gone, and what to do."""
     return JobError(
-        f"{node.name}: does not know task {job.uuid} any more ({error.reason}): nodes forget tasks "
-        f"when they crash, and after two days; {AGAIN}"
+        f"{node.name}: does not know task {job.uuid} any more ({error.reason}): {node.forgets}; "
+        f"{AGAIN}"
     )

@@ -12,6 +12,7 @@ from typing import Any, Mapping, Optional, Union
 
 from ..choices import check_options, choose_shape
 from ..crs import measuring_frame
+from ..sfm.access import Access
 from ..sfm.outputs import open_source
 from ..streaming import Progress
 from ..types import Measurement, Options
@@ -25,15 +26,20 @@ __all__ = ["describe", "measure"]
 
 
 def measure(
-    *sources: Union[str, Path], progress: Optional[Progress] = None, **options: Any
+    *sources: Union[str, Path],
+    progress: Optional[Progress] = None,
+    access: Optional[Access] = None,
+    **options: Any,
 ) -> Measurement:
     """Measure volumes in a point cloud.
 
     Parameters
     ----------
-    *sources : a point cloud, an ODM project folder, an all.zip, an ept.json, or several tiles of
-        one survey.
+    *sources : a point cloud, an ODM project folder, an all.zip, an ept.json, the address of a task
+        on a WebODM server, or several tiles of one survey.
     progress : called with the stage and the share done, from 0 to 1.
+    access : who asks a WebODM server; by default what QUANTIFY_WEBODM_USER and
+        QUANTIFY_WEBODM_PASSWORD say.
     **options : fields of :class:`Options`, the same as the command line's.
 
     Returns
@@ -49,7 +55,13 @@ def measure(
     started, clock = datetime.now(timezone.utc), time.perf_counter()
     chosen = check_options(Options(**options))
     report = progress or (lambda stage, share: None)
-    with open_source(list(sources), cameras=chosen.gcp is not None) as source:
+    with open_source(
+        list(sources),
+        cameras=chosen.gcp is not None,
+        access=access,
+        windowed=chosen.area is not None,
+        progress=report,
+    ) as source:
         info = source.cloud.info
         frame = measuring_frame(info.crs, chosen.source_unit, info.bounds)
         placement = place_cloud(source, frame, chosen) if chosen.gcp is not None else None
@@ -68,13 +80,14 @@ def describe(
     *sources: Union[str, Path],
     source_unit: Optional[str] = None,
     progress: Optional[Progress] = None,
+    access: Optional[Access] = None,
 ) -> Mapping[str, Any]:
     """Return what a source holds: files, CRS, unit, bounds, points, spacing.
 
     A source that would be measured as an object is read for the floor that the body stands on.
     """
     report = progress or (lambda stage, share: None)
-    with open_source(list(sources)) as source:
+    with open_source(list(sources), access=access, windowed=True, progress=report) as source:
         info = source.cloud.info
         frame = measuring_frame(info.crs, source_unit, info.bounds)
         bounds = info.bounds and frame.bounds_to_frame(info.bounds)

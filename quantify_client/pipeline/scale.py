@@ -10,6 +10,7 @@ from typing import Optional, Tuple, Union
 from ..choices import check_options
 from ..cloud.rewrite import require_rewritable, rewrite_cloud
 from ..crs import PlacedFrame, measuring_frame
+from ..sfm.access import Access
 from ..sfm.outputs import Source, open_source
 from ..streaming import Progress
 from ..types import Bounds, FloatArray, Options, Scaled
@@ -29,6 +30,7 @@ def scale(
     scale_mode: str = "auto",
     source_unit: Optional[str] = None,
     progress: Optional[Progress] = None,
+    access: Optional[Access] = None,
 ) -> Scaled:
     """Find the transform that makes a cloud true to size, and write the cloud through it.
 
@@ -39,6 +41,7 @@ def scale(
     out : .laz or .las; None to only say what the transform is. The sources are never touched.
     scale_mode : ``"auto"``, ``"scale"``, ``"shift"`` or ``"full"``.
     progress : called with the stage and the share done, from 0 to 1.
+    access : as for :func:`measure`.
 
     Raises
     ------
@@ -48,7 +51,7 @@ def scale(
     started, clock = datetime.now(timezone.utc), time.perf_counter()
     options = check_options(Options(gcp=gcp, scale_mode=scale_mode, source_unit=source_unit))
     report = progress or (lambda stage, share: None)
-    with open_source(list(sources), cameras=True) as source:
+    with open_source(list(sources), cameras=True, access=access, progress=report) as source:
         info = source.cloud.info
         frame = measuring_frame(info.crs, source_unit, info.bounds)
         if out is not None:

@@ -20,46 +20,22 @@ import requests
 import requests.auth
 import urllib3
 
-from ..errors import OutputError, ServerError
+from ..errors import OutputError, QuantifyError, ServerError
 from .addresses import checked_url, origin, trusted
+from .faults import OutageError, RefusedError, StatusError
 from .redaction import forms, hidden, mask_logs, plain
 
-__all__ = ["OutageError", "RefusedError", "Server"]
+__all__ = ["OutageError", "RefusedError", "Server", "StatusError"]
 
 CONNECT_S = 30.0
 SILENCE_S = 60.0  # without a byte: the line is dead
 ANSWER_SILENCES = 5  # how long all of a small answer may take, however slowly it drips
 ANSWER_BYTES = 64 << 20
+REASON_BYTES = 1 << 16
 BLOCK = 1 << 18
 REDIRECTS = 5
 SPARE_BYTES = 64 << 20  # to leave free on the disk
 _NEVER_CONNECTED = ("NewConnectionError", "NameResolutionError", "ConnectTimeout", "Tunnel conn")
-
-
-class OutageError(ServerError):
-    """The line or the server is down for now; the same request may work later.
-
-    Attributes
-    ----------
-    unsent : whether surely nothing of the request reached the server.
-    """
-
-    def __init__(self, message: str, *, unsent: bool = False) -> None:
-        super().__init__(message)
-        self.unsent = unsent
-
-
-class RefusedError(ServerError):
-    """The server understood and said no.
-
-    Attributes
-    ----------
-    reason : what it said, without secrets.
-    """
-
-    def __init__(self, message: str, reason: str) -> None:
-        super().__init__(message)
-        self.reason = reason
 
 
 class _Headers(requests.auth.AuthBase):
@@ -85,6 +61,8 @@ class Server:
     insecure : trust any certificate.
     silence_s : how long the line may be without a byte.
     way_in : what to do when the server wants to know who asks; ends a message.
+    room : what to do when the disk is full; ends a message.
+    good : every status that is success.
     """
 
     def __init__(
@@ -98,8 +76,10 @@ class Server:
         insecure: bool = False,
         silence_s: float = SILENCE_S,
         way_in: str = "check the credentials",
+        room: str = "make room, or mend the folder, and resume",
+        good: Sequence[int] = (200,),
     ) -> None:
-        self._way_in = way_in
+        self._way_in, self._room, self._good = way_in, room, good
         self._secrets = [form for secret in secrets if secret for form in forms(secret)]
         self.url = checked_url(url).rstrip("/")
         self.name = plain(urlsplit(self.url).netloc)
@@ -111,6 +91,13 @@ class Server:
 
     def __repr__(self) -> str:
         return f"Server({self.url!r})"
+
+    def identify(self, headers: Mapping[str, str], secrets: Sequence[str]) -> None:
+        """Say from now on who asks, to this host only."""
+        new = [form for secret in secrets if secret for form in forms(secret)]
+        self._secrets = [*self._secrets, *(form for form in new if form not in self._secrets)]
+        mask_logs(new)
+        self._headers = dict(headers)
 
     def redact(self, text: str) -> str:
         """Return the text with every secret replaced."""
@@ -136,7 +123,8 @@ class Server:
         OutageError
             Worth trying again later.
         ServerError
-            Not worth it; RefusedError when the answer holds an ``error``.
+            Not worth it; RefusedError when the answer holds an ``error``, StatusError when its
+            status says no.
         """
 
         def ask() -> Any:
@@ -146,23 +134,39 @@ class Server:
         return _bounded(ask, self._answer_s, self.name) if bounded else ask()
 
     def download(
-        self, path: str, part: Path, progress: Callable[[int, Optional[int]], None]
+        self,
+        path: str,
+        part: Path,
+        progress: Callable[[int, Optional[int]], None],
+        *,
+        most: Optional[int] = None,
+        is_json: bool = False,
     ) -> None:
         """Write what is at a path into a file and check its length.
 
-        `progress` is told the bytes so far and, where the server says so, of how many.
+        `progress` is told the bytes so far and, where the server says so, of how many; more than
+        `most` are refused.
         """
         plainly = {"Accept-Encoding": "identity"}  # a packed stream's length is another
         with self._request("GET", path, None, plainly) as response:
             kind = response.headers.get("Content-Type", "").lower()
-            if "json" in kind or "html" in kind:
+            if ("json" in kind and not is_json) or "html" in kind:
                 self._parsed(response)
                 raise ServerError(f"{self.name}: sent {plain(kind, 40)} where a file was expected")
             packed = response.headers.get("Content-Encoding", "identity") != "identity"
             length = response.headers.get("Content-Length", "")
             total = int(length) if length.isdigit() and not packed else None
-            _require_room(part, total)
-            done = self._save(response, part, total, progress)
+            self._require_room(part, total)
+
+            def tell(done: int, of: Optional[int]) -> None:
+                if most is not None and max(done, of or 0) > most:
+                    raise ServerError(
+                        f"{self.name}: sends more than the {most} bytes that {plain(path, 200)} "
+                        "can have; is the file there what it is said to be?"
+                    )
+                progress(done, of)
+
+            done = self._save(response, part, total, tell)
         if total is not None and done != total:
             raise OutageError(f"{self.name}: the download ended after {done} of {total} bytes")
 
@@ -180,14 +184,20 @@ class Server:
                     out.write(block)
                     done += len(block)
                     progress(done, total)
-        except requests.RequestException:
-            raise  # an OSError too, but the line's
+        except (requests.RequestException, QuantifyError):
+            raise  # OSErrors too, but not the disk's
         except OSError as error:
             raise OutputError(
-                f"{part}: cannot be written ({error.strerror or error}); make room, or mend the "
-                "folder, and resume"
+                f"{part}: cannot be written ({error.strerror or error}); {self._room}"
             ) from error
         return done
+
+    def _require_room(self, part: Path, total: Optional[int]) -> None:
+        free = shutil.disk_usage(part.parent).free
+        if total is not None and total + SPARE_BYTES > free:
+            raise OutputError(
+                f"{part}: needs {total / 1e9:.1f} GB, {free / 1e9:.1f} GB are free; {self._room}"
+            )
 
     @contextmanager
     def _request(
@@ -268,7 +278,7 @@ class Server:
 
     def _require_good(self, response: requests.Response) -> None:
         status = response.status_code
-        if status == 200:
+        if status in self._good:
             return
         said = f"{self.name}: answers with status {status}"
         if status in (408, 425, 429) or status >= 500:
@@ -280,7 +290,19 @@ class Server:
             413: "or a proxy before it refuses a file of that size (413); raise the proxy's limit "
             "(nginx: client_max_body_size)",
         }
-        raise ServerError(f"{self.name}: {ways[status]}" if status in ways else said)
+        raise StatusError(
+            f"{self.name}: {ways[status]}" if status in ways else said,
+            status,
+            self._reason(response),
+        )
+
+    def _reason(self, response: requests.Response) -> Optional[str]:
+        """Give what a JSON answer says, whatever it is wrapped in."""
+        try:
+            document = json.loads(next(response.iter_content(REASON_BYTES), b""))
+        except (ValueError, RecursionError, requests.RequestException):
+            return None
+        return plain(self.redact(" ".join(_words(document))))
 
     def _parsed(self, response: requests.Response) -> Any:
         content, end = b"", time.monotonic() + self._answer_s
@@ -316,15 +338,7 @@ class Server:
             return ServerError(f"{self.name}: speaks no TLS on this port; try http:// for https://")
         if isinstance(error, (requests.exceptions.InvalidURL, requests.exceptions.InvalidSchema)):
             return ServerError(f"{self.name}: is no address that can be asked; check the URL")
-        unsent = any(
-            sign in words
-            for sign in (
-                "NewConnectionError",
-                "NameResolutionError",
-                "ConnectTimeout",
-                "Tunnel conn",
-            )
-        )
+        unsent = any(sign in words for sign in _NEVER_CONNECTED)
         if isinstance(error, requests.exceptions.ReadTimeout):
             return OutageError(f"{self.name}: says nothing for {self._silence_s:.0f} s")
         if unsent:
@@ -332,12 +346,13 @@ class Server:
         return OutageError(f"{self.name}: the connection broke")
 
 
-def _require_room(part: Path, total: Optional[int]) -> None:
-    free = shutil.disk_usage(part.parent).free
-    if total is not None and total + SPARE_BYTES > free:
-        raise OutputError(
-            f"{part}: needs {total / 1e9:.1f} GB, {free / 1e9:.1f} GB are free; make room, resume"
-        )
+def _words(document: Any) -> Iterator[str]:
+    """Give the texts in a JSON document."""
+    if isinstance(document, str):
+        yield document
+    elif isinstance(document, (list, dict)):
+        for part in document.values() if isinstance(document, dict) else document:
+            yield from _words(part)
 
 
 def _bounded(ask: Callable[[], Any], within_s: float, name: str) -> Any:

@@ -12,7 +12,7 @@ from ..cloud.base import naming
 from ..errors import CloudError
 from ..types import Bounds
 
-GEOREFERENCING = "odm_georeferencing"
+GEOREFERENCING, ENTWINE = "odm_georeferencing", "entwine_pointcloud"
 MODELS = tuple(
     f"odm_georeferenced_model{suffix}" for suffix in (".laz", ".las", ".copc.laz", ".ply", ".csv")
 )
@@ -27,7 +27,7 @@ CONTROL_POSITIONS = f"{GEOREFERENCING}/ground_control_points.geojson"
 CAMERA_FILES = (SHOTS, CAMERAS, CONTROL_POSITIONS)
 CAMERA_BYTES = 200 << 20
 
-_FALLBACKS = ("entwine_pointcloud/ept.json", "odm_filterpoints/point_cloud.ply")
+_FALLBACKS = (f"{ENTWINE}/ept.json", "odm_filterpoints/point_cloud.ply")
 _TILES = (".laz", ".las")
 _DEPTH = 2  # folders between the one given and a project
 _UTM = re.compile(r"WGS84\s+UTM\s+(\d{1,2})\s*([NS])", re.IGNORECASE)
@@ -69,7 +69,7 @@ def find_cloud(folder: Path) -> Found:
     """
     with naming(folder, "expected a folder that can be listed"):
         found = _in_project(folder)
-        if found is None and folder.resolve().name in (GEOREFERENCING, "entwine_pointcloud"):
+        if found is None and folder.resolve().name in (GEOREFERENCING, ENTWINE):
             found = _in_project(folder.parent if folder.name else folder.resolve().parent)
         if found is None:
             found = _below(folder) or _as_tiles(folder)
@@ -124,9 +124,13 @@ def _as_tiles(folder: Path) -> Optional[Found]:
 
 
 def belongs_to_odm(path: Path) -> bool:
-    """Whether a single file is ODM's georeferenced model, by its name or its folder."""
+    """Whether a single file is ODM's georeferenced model or its EPT, by its name or its folder."""
     real = path.resolve()
-    return path.name in MODELS or GEOREFERENCING in real.parts
+    return path.name in MODELS or GEOREFERENCING in real.parts or _is_entwine(real)
+
+
+def _is_entwine(real: Path) -> bool:
+    return real.name == "ept.json" and real.parent.name == ENTWINE
 
 
 def project_of(path: Path) -> Optional[Path]:
@@ -147,8 +151,10 @@ def read_sidecar(cloud: Path) -> Optional[Sidecar]:
     """
     if not belongs_to_odm(cloud):
         return None
+    real = cloud.resolve()
+    folder = real.parent.parent / GEOREFERENCING if _is_entwine(real) else real.parent
     for name in SIDECARS:
-        path = cloud.resolve().parent / name
+        path = folder / name
         with naming(path, "expected a small text file that names a CRS"):
             if not path.is_file():
                 continue

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import uuid
 from pathlib import Path
-from typing import BinaryIO, Callable, Iterator, Optional
+from typing import BinaryIO, Callable, Iterator, Mapping, Optional
 
 from ..errors import JobError
 
@@ -25,6 +25,7 @@ class FileBody:
     path : the file; its size must not change while it is sent.
     name : what the server is to call it.
     field : the form's field.
+    texts : what else the form says, before the file.
     sent : told the number of the file's bytes handed to the line, block by block.
     stopped : asked before each block whether to give up.
 
@@ -40,6 +41,7 @@ class FileBody:
         name: str,
         *,
         field: str = "images",
+        texts: Optional[Mapping[str, str]] = None,
         sent: Optional[Callable[[int], None]] = None,
         stopped: Optional[Callable[[], bool]] = None,
     ) -> None:
@@ -47,8 +49,12 @@ class FileBody:
         self.size = _size(path)
         boundary = uuid.uuid4().hex
         quoted = name.replace("\\", "%5C").replace('"', "%22").replace("\r", "").replace("\n", "")
+        before = "".join(
+            f'--{boundary}\r\nContent-Disposition: form-data; name="{key}"\r\n\r\n{text}\r\n'
+            for key, text in (texts or {}).items()
+        )
         self._head = (
-            f"--{boundary}\r\nContent-Disposition: form-data; "
+            f"{before}--{boundary}\r\nContent-Disposition: form-data; "
             f'name="{field}"; filename="{quoted}"\r\n'
             "Content-Type: application/octet-stream\r\n\r\n"
         ).encode()

@@ -34,7 +34,16 @@ from .http import OutageError, RefusedError, Server
 from .multipart import FileBody
 from .redaction import plain
 
-__all__ = ["ArchiveError", "Node", "TaskLostError", "TaskState", "TaskStatus"]
+__all__ = [
+    "ArchiveError",
+    "Engine",
+    "Node",
+    "TaskLostError",
+    "TaskState",
+    "TaskStatus",
+    "as_options",
+    "zip_fault",
+]
 
 _LOST = re.compile(
     r"not found|Invalid uuid|no task table entry|no nodes in routing table|no longer exists|ENOENT",
@@ -67,6 +76,7 @@ class TaskState:
         every file.
     error : why it failed, or empty.
     elapsed_s : processing time so far; None before it begins.
+    note : what the server is doing, where neither status nor output tell it.
     """
 
     status: Any
@@ -75,6 +85,15 @@ class TaskState:
     counted: bool
     error: str
     elapsed_s: Optional[float]
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Engine:
+    """What will process a task, in words, and how many images it takes (None: any number)."""
+
+    words: str
+    max_images: Optional[int]
 
 
 class Node:
@@ -86,6 +105,9 @@ class Node:
     token : sent as NodeODM wants it, in the query; shown nowhere.
     ca, insecure : see `Server`.
     """
+
+    label, overwrites, packs_all = "Node", False, False
+    forgets = "nodes forget tasks when they crash, and after two days"
 
     def __init__(
         self,
@@ -116,13 +138,15 @@ class Node:
         """Return pyodm's NodeInfo; of ClusterODM's only version and `max_images` mean anything."""
         return NodeInfo(_object(self._json("GET", "/info"), self.name))
 
+    def engine(self) -> Engine:
+        """Return what the node says of itself."""
+        info = self.info()
+        limit = info.max_images if isinstance(info.max_images, int) else None
+        return Engine(f"({info.engine} {info.engine_version}, API {info.version})", limit)
+
     def options(self) -> List[Any]:
         """Return the options that tasks may have, as pyodm's NodeOption."""
-        known = ("domain", "help", "name", "value", "type")
-        found = self._json("GET", "/options")
-        if not isinstance(found, list) or not all(isinstance(option, dict) for option in found):
-            raise OutageError(f"{self.name}: answers with something that is no list of options")
-        return [NodeOption(**{key: option.get(key, "") for key in known}) for option in found]
+        return as_options(self._json("GET", "/options"), self.name)
 
     def init(
         self,
@@ -130,7 +154,7 @@ class Node:
         name: str,
         options: Mapping[str, OptionValue],
         outputs: Sequence[str] = (),
-    ) -> None:
+    ) -> str:
         """Begin an upload under a UUID of ours; the same again is harmless until the commit."""
         form = {"name": (None, name), "options": (None, options_to_json(dict(options)))}
         if outputs:
@@ -139,6 +163,7 @@ class Node:
         given = _object(answer, self.name).get("uuid")
         if given != uuid:
             raise OutageError(f"{self.name}: has not taken the task's UUID {uuid}")
+        return uuid
 
     def upload(
         self,
@@ -176,6 +201,14 @@ class Node:
         """End the upload: the node makes a task of it."""
         self._json("POST", f"/task/new/commit/{uuid}")
 
+    def is_committed(self, uuid: str) -> bool:
+        """Whether the node has made a task of an upload."""
+        try:
+            self.task(uuid)
+        except TaskLostError:
+            return False
+        return True
+
     def task(self, uuid: str) -> TaskState:
         """Ask for a task; TaskLostError when the node does not know it."""
         found = _object(self._json("GET", f"/task/{uuid}/info"), self.name)
@@ -197,6 +230,13 @@ class Node:
     def cancel(self, uuid: str) -> None:
         """Stop a task; also one that has stopped already."""
         self._act("/task/cancel", uuid)
+
+    def discard(self, uuid: str) -> None:
+        """Leave an upload alone: nodes remove those that are not committed."""
+
+    def restart(self, uuid: str) -> bool:
+        """Do nothing: ClusterODM cannot, and a NodeODM may have lost the images."""
+        return False
 
     def remove(self, uuid: str) -> None:
         """Remove a task and its files from the node."""
@@ -268,6 +308,14 @@ def split_token(url: str, token: Optional[str] = None) -> Tuple[str, Optional[st
     if not pairs or any(key != "token" for key, _ in pairs):
         return url, token
     return urlunsplit((*parts[:3], "", "")), token or pairs[0][1]
+
+
+def as_options(found: Any, name: str) -> List[Any]:
+    """Take a server's list of options, as pyodm's NodeOption."""
+    known = ("domain", "help", "name", "value", "type")
+    if not isinstance(found, list) or not all(isinstance(option, dict) for option in found):
+        raise OutageError(f"{name}: answers with something that is no list of options")
+    return [NodeOption(**{key: option.get(key, "") for key in known}) for option in found]
 
 
 def zip_fault(path: Path) -> Optional[str]:

@@ -1,4 +1,4 @@
-"""What the user points at -> an open cloud: files, tiles, an ODM folder or an all.zip."""
+"""What the user points at -> an open cloud: files, tiles, an ODM folder, an all.zip or a task."""
 
 from __future__ import annotations
 
@@ -7,14 +7,16 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
+from typing import Any, Callable, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
 
-from ..cloud import DEFAULT_CHUNK, Cloud, open_cloud
+from ..cloud import DEFAULT_CHUNK, Cloud, Fetch, open_cloud
 from ..cloud.base import naming
 from ..errors import CloudError
 from ..types import Chunk, CloudInfo, Window
+from .access import Access
 from .archive import unpacked
 from .layout import (
+    ENTWINE,
     GEOREFERENCING,
     Sidecar,
     belongs_to_odm,
@@ -27,7 +29,7 @@ __all__ = ["Source", "open_source"]
 
 _URL = re.compile(r"^https?:/", re.IGNORECASE)
 _MODEL_STEM = "odm_georeferenced_model"
-_INNER = (GEOREFERENCING, "entwine_pointcloud", "odm_filterpoints")
+_INNER = (GEOREFERENCING, ENTWINE, "odm_filterpoints")
 
 
 @dataclass(frozen=True)
@@ -55,30 +57,49 @@ class Source:
 
 
 @contextmanager
-def open_source(sources: Sequence[Union[str, Path]], *, cameras: bool = False) -> Iterator[Source]:
+def open_source(
+    sources: Sequence[Union[str, Path]],
+    *,
+    cameras: bool = False,
+    access: Optional[Access] = None,
+    windowed: bool = False,
+    progress: Optional[Callable[[str, float], None]] = None,
+) -> Iterator[Source]:
     """Open what the user gave: one source, or several tiles of one survey.
 
-    With `cameras`, what an archive says of its photographs is unpacked too.
-
     A source is a point cloud, an ept.json, an ODM project folder, a folder of LAS or LAZ tiles,
-    or an all.zip; what is unpacked is removed at the end of the ``with`` block.
+    an all.zip, or the address of a task on a WebODM server; what is unpacked or fetched is removed
+    at the end of the ``with`` block.
+
+    Parameters
+    ----------
+    cameras : unpack or fetch what an archive or a task says of its photographs, too.
+    access : of WebODM servers; by default what the environment says.
+    windowed : only a part of the points will be asked for, or none.
+    progress : told what is fetched, and the share that is there.
 
     Raises
     ------
     CloudError
         One line: what was found, what was expected, what to do.
+    ServerError, OutputError
+        The same, of what is fetched.
     """
     if not sources:
         raise CloudError("no source is given; expected a point cloud, a folder or an all.zip")
     with ExitStack() as stack:
-        located = [_locate(str(source), stack, cameras) for source in sources]
+        wanted = _Wanted(cameras, access, windowed, progress or (lambda stage, share: None))
+        located = [_locate(str(source), stack, wanted) for source in sources]
         aliases = tuple(alias for item in located for alias in item.aliases)
         with _renaming(aliases):
-            cloud = open_cloud([path for item in located for path in item.paths])
+            cloud = open_cloud(
+                [path for item in located for path in item.paths],
+                {path: item.fetch for item in located if item.fetch for path in item.paths},
+            )
         yield Source(
             cloud=_Presented(cloud, _info(cloud.info, located, aliases), aliases),
-            label=" ".join(str(source) for source in sources),
-            stem=_common_stem([str(source) for source in sources]),
+            label=" ".join(item.given for item in located),
+            stem=_common_stem(located),
             is_odm=any(item.is_odm for item in located),
             inputs=tuple(entry for item in located for entry in item.inputs),
             project=project_of(located[0].paths[0]) if len(located) == 1 else None,
@@ -90,23 +111,33 @@ Aliases = Tuple[Tuple[str, str], ...]
 
 
 @dataclass(frozen=True)
+class _Wanted:
+    """What of a source will be needed, and how to come by it; see `open_source`."""
+
+    cameras: bool
+    access: Optional[Access]
+    windowed: bool
+    progress: Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
 class _Located:
     """One source found: its files, and how to name those that only exist for now."""
 
+    given: str
     paths: Tuple[Path, ...]
     is_odm: bool
     inputs: Tuple[Mapping[str, Any], ...]
     sidecar: Optional[Sidecar] = None
     warnings: Tuple[str, ...] = ()
     aliases: Aliases = ()
+    fetch: Optional[Fetch] = None
+    stem: Optional[str] = None
 
 
-def _locate(given: str, stack: ExitStack, cameras: bool) -> _Located:
+def _locate(given: str, stack: ExitStack, wanted: _Wanted) -> _Located:
     if _URL.match(given):
-        raise CloudError(
-            f"{given.split('?')[0]}: is a web address, which is not read; download the all.zip of "
-            "the task and give that"
-        )
+        return _locate_task(given, stack, wanted)
     path = Path(given)
     with naming(path, "check the path"):
         if not path.exists():
@@ -116,14 +147,43 @@ def _locate(given: str, stack: ExitStack, cameras: bool) -> _Located:
         found = find_cloud(path)
         inputs = tuple(_input(str(file), file) for file in found.paths)
         sidecar = None if found.warnings else read_sidecar(found.paths[0])
-        return _Located(found.paths, found.is_odm, inputs, sidecar, found.warnings)
+        return _Located(given, found.paths, found.is_odm, inputs, sidecar, found.warnings)
     entry = (_input(given, path),)
     if path.suffix.lower() == ".zip":
-        file = stack.enter_context(unpacked(path, cameras=cameras))
+        file = stack.enter_context(unpacked(path, cameras=wanted.cameras))
         is_odm = file.parent.name.startswith("odm_")
         alias = (str(file.parent.parent if is_odm else file.parent), given)
-        return _Located((file,), is_odm, entry, read_sidecar(file), aliases=(alias,))
-    return _Located((path,), belongs_to_odm(path), entry, read_sidecar(path))
+        return _Located(given, (file,), is_odm, entry, read_sidecar(file), aliases=(alias,))
+    return _Located(given, (path,), belongs_to_odm(path), entry, read_sidecar(path))
+
+
+def _locate_task(given: str, stack: ExitStack, wanted: _Wanted) -> _Located:
+    from .webodm_cloud import task_cloud  # with what it needs, only where a server is asked
+
+    access = wanted.access if wanted.access is not None else Access.from_environment()
+    found = stack.enter_context(
+        task_cloud(
+            given,
+            access,
+            cameras=wanted.cameras,
+            windowed=wanted.windowed,
+            progress=wanted.progress,
+        )
+    )
+    sidecar = read_sidecar(found.path) or (
+        Sidecar(found.crs, "the task's EPSG code") if found.crs else None
+    )
+    return _Located(
+        found.given,
+        (found.path,),
+        True,
+        (found.entry,),
+        sidecar,
+        found.warnings,
+        aliases=((str(found.folder), found.given.rstrip("/")),),
+        fetch=found.fetch,
+        stem=found.stem,
+    )
 
 
 def _input(given: str, path: Path) -> Mapping[str, Any]:
@@ -186,8 +246,11 @@ def _rename(text: str, aliases: Aliases) -> str:
     return text
 
 
-def _common_stem(given: List[str]) -> str:
+def _common_stem(located: Sequence[_Located]) -> str:
+    given: List[str] = [item.given for item in located]
     if len(given) == 1:
+        if located[0].stem:
+            return located[0].stem
         return _stem(Path(given[0])) or "cloud"
     parents = {Path(name).resolve().parent for name in given}
     return (parents.pop().name if len(parents) == 1 else _stem(Path(given[0]))) or "cloud"

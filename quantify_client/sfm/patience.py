@@ -8,7 +8,7 @@ import time
 from typing import Callable, Optional, TypeVar
 
 from ..errors import ServerError
-from .http import OutageError
+from .faults import OutageError
 from .multipart import StoppedError
 
 __all__ = ["Patience"]

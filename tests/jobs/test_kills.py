@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from nodeodm import NodeODM
 from photographs import all_zip, photograph, photographs
+from webodm import PASSWORD, USER, WebODM
 
 from quantify_client.jobs import create_job, plan_job
 
@@ -38,31 +39,49 @@ def test_killed_at_random_moments_and_resumed(tmp_path, seed):
         node.slow_s = 0.03
         node.script = [(20, 10.0)] * 8 + [(40, 100.0)]
         create_job(plan_job(images, node.url), tmp_path / "job")
-        killed = 0
-        while killed < 6:
-            process = _drive(tmp_path / "job")
-            try:
-                out, err = process.communicate(timeout=rng.uniform(0.3, 1.8))
-            except subprocess.TimeoutExpired:
-                process.send_signal(signal.SIGKILL)
-                process.communicate()
-                killed += 1
-                continue
-            assert process.returncode == 0, err
-            break
-        else:
-            process = _drive(tmp_path / "job")
-            out, err = process.communicate(timeout=60)
-            assert process.returncode == 0, err
-        assert Path(json.loads(out)["path"]).read_bytes() == node.archive
+        path = _kill_and_resume(tmp_path / "job", rng)
+        assert path.read_bytes() == node.archive
         assert len(node.tasks) == 1
         assert node.files() == {path.name: path.read_bytes() for path in images}
+
+
+@pytest.mark.parametrize("seed", range(KILLS))
+def test_killed_at_random_moments_on_a_webodm(tmp_path, seed, monkeypatch):
+    rng = random.Random(50 + seed)
+    images = photographs(tmp_path / "photos", 8, pad=150_000)
+    monkeypatch.setenv("QUANTIFY_WEBODM_USER", USER)
+    monkeypatch.setenv("QUANTIFY_WEBODM_PASSWORD", PASSWORD)
+    with WebODM(archive=all_zip(size=2_000_000)).running() as server:
+        server.slow_s = 0.03
+        server.script = [(20, 0.1)] * 8 + [(40, 1.0)]
+        create_job(plan_job(images, server.url, project=1), tmp_path / "job")
+        path = _kill_and_resume(tmp_path / "job", rng)
+        assert path.read_bytes() == server.archive
+        (task,) = server.tasks.values()
+        assert task.files == {path.name: path.read_bytes() for path in images}
+
+
+def _kill_and_resume(folder, rng):
+    for _ in range(6):
+        process = _drive(folder)
+        try:
+            out, err = process.communicate(timeout=rng.uniform(0.3, 1.8))
+        except subprocess.TimeoutExpired:
+            process.send_signal(signal.SIGKILL)
+            process.communicate()
+            continue
+        break
+    else:
+        process = _drive(folder)
+        out, err = process.communicate(timeout=60)
+    assert process.returncode == 0, err
+    return Path(json.loads(out)["path"])
 
 
 def test_ctrl_c_leaves_a_job_that_resumes(tmp_path):
     images = photographs(tmp_path / "photos", 8, pad=150_000)
     with NodeODM(tmp_path / "node", archive=all_zip()).running() as node:
-        node.slow_s = 0.1
+        node.slow_s = 0.3
         create_job(plan_job(images, node.url), tmp_path / "job")
         process = _drive(tmp_path / "job")
         with pytest.raises(subprocess.TimeoutExpired):
