@@ -30,7 +30,7 @@ from .geojson import Outline, geojson_outlines, read_geojson
 from .types import AreaFailure, Bounds, FloatArray
 from .vector import VECTOR_SUFFIXES, read_vector
 
-__all__ = ["Area", "AreaSet", "read_areas"]
+__all__ = ["Area", "AreaSet", "read_areas", "require_polygons"]
 
 _WGS84 = "OGC:CRS84"
 _MAX_NAME = 80
@@ -91,9 +91,7 @@ def read_areas(area: Any, frame: Frame, bounds: Optional[Bounds]) -> AreaSet:
     box = None if bounds is None else _box(frame.bounds_to_frame(bounds))
     if isinstance(area, shapely.Geometry):
         return _given(area, box)
-    outlines, notes, where = _outlines(area)
-    if all(outline.foreign for outline in outlines):
-        raise AreaError(f"{where} holds no polygon; draw the areas to be measured as polygons")
+    outlines, notes, where = _polygons(area)
     _check_crs(outlines, frame, where)
     implied = _implied_crs(outlines, frame, bounds, box, where, notes)
     names, areas = _Names(), []
@@ -104,6 +102,19 @@ def read_areas(area: Any, frame: Frame, bounds: Optional[Bounds]) -> AreaSet:
         areas.append(_area(name, outline, outline.crs or implied, frame, box))
     notes += _coarse(outlines, implied, frame)
     return AreaSet(tuple(areas), tuple(notes))
+
+
+def require_polygons(area: Any) -> None:
+    """Raise AreaError when nothing could ever be measured by these areas, whatever the cloud."""
+    if not isinstance(area, shapely.Geometry):
+        _polygons(area)
+
+
+def _polygons(area: Any) -> Tuple[List[Outline], List[str], str]:
+    outlines, notes, where = _outlines(area)
+    if all(outline.foreign for outline in outlines):
+        raise AreaError(f"{where} holds no polygon; draw the areas to be measured as polygons")
+    return outlines, notes, where
 
 
 def _outlines(area: Any) -> Tuple[List[Outline], List[str], str]:

@@ -8,19 +8,39 @@ from pathlib import Path
 from typing import Any, Callable, Tuple, Union
 
 from .scaler.fit import MODES
+from .sfm.presets import PRESETS
 
-__all__ = ["SOURCE", "VOLUME", "add_gcp", "add_measuring", "add_output", "add_scale"]
+__all__ = [
+    "RESUME",
+    "SOURCE",
+    "SUBMIT",
+    "VOLUME",
+    "add_access",
+    "add_gcp",
+    "add_measuring",
+    "add_output",
+    "add_plugin",
+    "add_resume",
+    "add_scale",
+    "add_submit",
+]
 
 VOLUME = (
     "Measures cut, fill and net of terrain above a base, or (--shape object) the volume of a body "
     "whose surface the cloud covers. Options of lengths are in metres."
 )
 SOURCE = (
-    ".laz .las .copc.laz .ply .csv .xyz .txt, an ept.json, an ODM project folder, an all.zip, or "
-    "several tiles of one survey"
+    ".laz .las .copc.laz .ply .csv .xyz .txt, an ept.json, an ODM project folder, an all.zip, the "
+    "address of a WebODM task, or several tiles of one survey"
 )
+SUBMIT = (
+    "Sends photographs to a NodeODM, ClusterODM or WebODM server, waits, fetches the result, sets "
+    "its size right by the control, measures and reports. What can be checked is checked before "
+    "anything is sent. Whatever interrupts it, 'quantify-client resume DIR' goes on."
+)
+RESUME = "Goes on with a submit from wherever it stopped: uploading, waiting, fetching, measuring."
 
-
+_MOST_HOURS = 8760
 _MODES = (
     "only the size, also heading and place (shift), or everything (full); auto: what the cloud "
     "needs and the control can tell"
@@ -103,6 +123,103 @@ def add_measuring(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_submit(parser: argparse.ArgumentParser) -> None:
+    """Add what the submit command takes besides the options of measuring."""
+    add = parser.add_argument
+    add("images", nargs="+", metavar="IMAGES", help="photographs, or folders of them")
+    server = parser.add_mutually_exclusive_group(required=True)
+    server.add_argument("--node", metavar="URL", help="a NodeODM or ClusterODM server")
+    server.add_argument("--webodm", metavar="URL", help="a WebODM server; goes with --project")
+    add("--project", type=_count, metavar="P", help="with --webodm: the project's number there")
+    add("--out", type=Path, metavar="DIR", required=True, help="the job: its state and its results")
+    add("--name", help="of the task on the server (default: the photographs' folder)")
+    add(
+        "--preset",
+        choices=tuple(PRESETS),
+        default="default",
+        help="how much care the server takes (docs/servers.md)",
+    )
+    add(
+        "--option",
+        type=_pair,
+        action="append",
+        default=[],
+        metavar="K=V",
+        help="an option of OpenDroneMap, checked against the server's own; may be repeated",
+    )
+    add("--minimal", action="store_true", help="fetch only what measuring needs")
+    add("--split", type=_count, metavar="N", help="split-merge, about N photographs to a part")
+    add("--dry-run", action="store_true", help="check everything, say what would be sent, and stop")
+    _add_going_on(parser)
+    add_access(parser)
+    _add_shown(parser)
+
+
+def add_resume(parser: argparse.ArgumentParser) -> None:
+    """Add what the resume command takes."""
+    add = parser.add_argument
+    add("folder", type=Path, metavar="DIR", help="the --out of a submit")
+    add("--cancel", action="store_true", help="end the job, on the server too")
+    _add_going_on(parser)
+    _add_token(parser)
+    add("--json", action="store_true", help="one JSON document on stdout")
+
+
+def add_plugin(parser: argparse.ArgumentParser) -> None:
+    """Add what the plugin command takes."""
+    add = parser.add_argument
+    add(
+        "--out",
+        type=Path,
+        default=Path("dist"),
+        metavar="DIR",
+        help="where volcalc.zip goes (default dist)",
+    )
+    add(
+        "--offline",
+        action="store_true",
+        help="with the requirements inside, for a server without internet",
+    )
+
+
+def add_access(parser: argparse.ArgumentParser) -> None:
+    """Add what a server wants: a token, and whose word is taken for its certificate."""
+    trust = parser.add_mutually_exclusive_group()
+    trust.add_argument("--ca", type=Path, metavar="FILE", help="certificates to trust, PEM")
+    trust.add_argument("--insecure", action="store_true", help="trust any certificate")
+    _add_token(parser)
+
+
+def _add_token(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_mutually_exclusive_group()
+    group.add_argument(
+        "--token-file",
+        type=Path,
+        metavar="FILE",
+        help="a token, when it is in none of QUANTIFY_NODE_TOKEN, QUANTIFY_WEBODM_USER and "
+        "QUANTIFY_WEBODM_PASSWORD",
+    )
+    group.add_argument(
+        "--token", help="the token itself; other users of this machine can see it: prefer a file"
+    )
+
+
+def _add_going_on(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add(
+        "--patience",
+        type=_hours,
+        default=12.0,
+        metavar="HOURS",
+        help="how long one outage of the server or the line may last (default 12)",
+    )
+    add(
+        "--resubmit",
+        action="store_true",
+        help="send everything again, once, when the server has lost the task or it failed",
+    )
+
+
 def add_output(parser: argparse.ArgumentParser) -> None:
     """Add what becomes of a measurement."""
     add = parser.add_argument
@@ -140,6 +257,27 @@ def _threads(text: str) -> int:
     if not 1 <= value <= 256:
         raise argparse.ArgumentTypeError(f"{text!r} is not from 1 to 256")
     return value
+
+
+def _count(text: str) -> int:
+    value: int = _checked(int, text, "a whole number from 1")
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not 1 or more")
+    return value
+
+
+def _hours(text: str) -> float:
+    value: float = _checked(float, text, "a number of hours")
+    if not 0 <= value <= _MOST_HOURS:
+        raise argparse.ArgumentTypeError(f"{text!r} is not from 0 to {_MOST_HOURS} hours")
+    return value
+
+
+def _pair(text: str) -> Tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not name.strip() or not equals:
+        raise argparse.ArgumentTypeError(f"{text!r} is not K=V; give pc-quality=high, say")
+    return name.strip(), value
 
 
 def _density(text: str) -> Tuple[float, float]:

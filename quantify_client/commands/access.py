@@ -1,0 +1,56 @@
+"""Credentials: from the environment, a file or, for those who must, the command line."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+from typing import Optional
+
+from ..errors import InputError, UsageError
+from ..sfm.access import Access
+from ..small_files import read_small
+
+__all__ = ["access_of", "node_token", "token_of"]
+
+NODE_TOKEN = "QUANTIFY_NODE_TOKEN"  # noqa: S105 - the variable's name
+_MOST_BYTES = 16_384
+
+
+def token_of(given: argparse.Namespace) -> Optional[str]:
+    """Return the token that was given by file or option; None without."""
+    if given.token_file is None:
+        if given.token is not None and not given.token.strip():
+            raise UsageError("--token is empty; give the token, or leave --token out")
+        return given.token.strip() if given.token else None
+    return _read_token(given.token_file)
+
+
+def node_token(given: argparse.Namespace) -> Optional[str]:
+    """Return the token of a node; what is given on the command line wins."""
+    return token_of(given) or os.environ.get(NODE_TOKEN, "").strip() or None
+
+
+def access_of(given: argparse.Namespace) -> Access:
+    """Return how to get into a WebODM server: a token that is given, else the environment's."""
+    token = token_of(given)
+    found = Access() if token else Access.from_environment()
+    return Access(
+        user=found.user,
+        password=found.password,
+        token=token,
+        ca=getattr(given, "ca", None),
+        insecure=getattr(given, "insecure", False),
+    )
+
+
+def _read_token(path: Path) -> str:
+    what = "a text file that holds a token and nothing else"
+    try:
+        text = read_small(path, most=_MOST_BYTES, what=what, error=InputError).decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = ""
+    token = text.strip()
+    if not token or len(token.split()) != 1:
+        raise InputError(f"{path} holds no token, or more than one; expected {what}")
+    return token

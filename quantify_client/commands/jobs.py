@@ -1,0 +1,224 @@
+"""submit and resume: photographs to a server, its result back, and the volume in it."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+from contextlib import suppress
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any, Dict, List, Mapping, Optional, Tuple
+
+from ..areas import require_polygons
+from ..choices import check_options, choose_shape
+from ..errors import JobError, QuantifyError, UsageError
+from ..jobs import Pace, Plan, cancel_job, create_job, plan_job, run_job
+from ..jobs.create import GCP_NAME
+from ..jobs.journal import ARCHIVE, DONE, JOURNAL, load
+from ..pipeline import measure
+from ..pipeline.sending import ControlPlan, plan_control
+from ..report import require_writable
+from ..report.words import printable
+from ..types import Options
+from .access import access_of, node_token
+from .job_display import shown_job
+from .measuring import deliver, options_of
+from .shown import complain, say, stages
+
+__all__ = ["resume", "submit"]
+
+PACE = Pace()
+
+_REPORT = "report"
+_FILES = ("area", "gcp")  # options that name files, kept with their whole path
+
+
+def submit(given: argparse.Namespace) -> int:
+    """Check everything, send the photographs, wait, and measure what comes back."""
+    options = _checked_options(given)
+    with tempfile.TemporaryDirectory(prefix="quantify-") as scratch:
+        plan, control = _plan(given, Path(scratch) / GCP_NAME)
+        lines = _said(plan, control, options)
+        if given.dry_run:
+            return _show_plan(plan, lines, given)
+        for line in lines:
+            say(line)
+        if control is not None and not control.applied:
+            options["gcp"] = None
+        create_job(plan, given.out, {"options": options, "units": given.units})
+    return _go_on(given.out, given)
+
+
+def resume(given: argparse.Namespace) -> int:
+    """Go on with a job wherever it stopped; end it with --cancel."""
+    folder = given.folder
+    if given.cancel:
+        if given.resubmit:
+            raise UsageError("--cancel and --resubmit exclude each other: give one of them")
+        token, access = node_token(given), access_of(given)
+        print(printable(cancel_job(folder, token, access=access)))
+        return 0
+    given.units = load(folder).then.get("units", "metric")
+    return _go_on(folder, given)
+
+
+def _go_on(folder: Path, given: argparse.Namespace) -> int:
+    finished = _finished(folder)
+    if finished is not None:
+        return _show_finished(folder, finished, given)
+    with shown_job() as report:
+        archive = run_job(
+            folder,
+            node_token(given),
+            access=access_of(given),
+            report=report,
+            patience_h=given.patience,
+            resubmit=given.resubmit,
+            pace=PACE,
+        )
+    return _measure(folder, archive, given)
+
+
+def _measure(folder: Path, archive: Path, given: argparse.Namespace) -> int:
+    """Scale, measure and report; the result that was fetched stays whatever happens here."""
+    options = _kept_options(folder)
+    hint = (
+        f"the server's result is safe in {archive}: 'quantify-client resume {folder}' measures "
+        "again once that is mended, 'quantify-client volume' with other options"
+    )
+    failure: Optional[QuantifyError] = None
+    try:
+        with stages() as progress:
+            measurement = measure(archive, progress=progress, **options)
+        return deliver(measurement, folder / _REPORT, given)
+    except QuantifyError as error:
+        failure = error
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(
+            f"interrupted; 'quantify-client resume {folder}' goes on from here"
+        ) from None
+    raise type(failure)(f"{failure}; {hint}") from failure
+
+
+def _kept_options(folder: Path) -> Dict[str, Any]:
+    options = dict(load(folder).then.get("options", {}))
+    foreign = set(options) - {field.name for field in fields(Options)}
+    if foreign:
+        raise JobError(
+            f"{folder / JOURNAL}: holds options of another version ({', '.join(sorted(foreign))}); "
+            f"measure with 'quantify-client volume {folder / ARCHIVE}'"
+        )
+    return options
+
+
+def _finished(folder: Path) -> Optional[Mapping[str, Any]]:
+    """Return the measurement of a job that has nothing left to do; None while there is work."""
+    job, page = load(folder), folder / _REPORT / "report.json"
+    if job.state != DONE:
+        return None
+    with suppress(OSError, ValueError):
+        if page.stat().st_mtime_ns >= (folder / JOURNAL).stat().st_mtime_ns:
+            found = json.loads(page.read_text(encoding="utf-8"))
+            return found if isinstance(found, dict) else None
+    return None
+
+
+def _show_finished(folder: Path, found: Mapping[str, Any], given: argparse.Namespace) -> int:
+    if given.json:
+        print(json.dumps(found, indent=2, allow_nan=False))
+    else:
+        print(f"The job is finished. Report: {printable(folder / _REPORT / 'report.html')}")
+    failed = [row for row in found.get("results", []) if row.get("error")]
+    for row in failed:
+        complain(f"{row['name']}: {row['error']}", 1)
+    return 1 if failed else 0
+
+
+def _checked_options(given: argparse.Namespace) -> Dict[str, Any]:
+    """Find mistakes that would only show after a night: contradictions, and files."""
+    options = options_of(given)
+    choose_shape(check_options(Options(**options)), has_crs=True, is_odm=True)
+    if given.area is not None:
+        require_polygons(given.area)
+    if (given.out / JOURNAL).exists():
+        raise JobError(
+            f"{given.out}: holds a job already; 'quantify-client resume {given.out}' goes on with "
+            "it, another --out begins a new one"
+        )
+    require_writable(given.out)
+    for name in _FILES:
+        if options[name] is not None:
+            options[name] = str(Path(options[name]).resolve())
+    return options
+
+
+def _plan(given: argparse.Namespace, scratch: Path) -> Tuple[Plan, Optional[ControlPlan]]:
+    node = given.node is not None
+    if not node and given.project is None:
+        raise UsageError("--webodm goes with --project: give the number of the project there")
+    if node and given.project is not None:
+        raise UsageError("--project goes with --webodm: leave one of them out")
+    plan = plan_job(
+        given.images,
+        given.node if node else given.webodm,
+        node_token(given) if node else None,
+        project=given.project,
+        access=None if node else access_of(given),
+        name=given.name,
+        preset=given.preset,
+        options=_task_options(given.option),
+        minimal=given.minimal,
+        split=given.split,
+        ground=given.base == "ground",
+        ca=given.ca,
+        insecure=given.insecure,
+        report=lambda event: say(event.text),
+    )
+    if given.gcp is None:
+        return plan, None
+    control = plan_control(given.gcp, {photo.name for photo in plan.photos.photos}, scratch)
+    return replace(plan, gcp=control.sent), control
+
+
+def _task_options(given: List[Tuple[str, str]]) -> Dict[str, str]:
+    options: Dict[str, str] = {}
+    for name, value in given:
+        if options.setdefault(name, value) != value:
+            raise UsageError(f"--option {name} is given twice, with different values; give one")
+    return options
+
+
+def _said(plan: Plan, control: Optional[ControlPlan], options: Mapping[str, Any]) -> List[str]:
+    lines = plan.lines()
+    if control is not None:
+        lines = [f"Control: {control.said}" if _is_control(line) else line for line in lines]
+    chosen = {key: value for key, value in options.items() if value != getattr(Options(), key)}
+    words = ", ".join(f"{key} {value}" for key, value in chosen.items())
+    return [*lines, f"Measured afterwards: {words or 'the whole site'}"]
+
+
+def _is_control(line: str) -> bool:
+    return line.startswith("Control:")
+
+
+def _show_plan(plan: Plan, lines: List[str], given: argparse.Namespace) -> int:
+    if given.json:
+        photos = plan.photos
+        document = {
+            "schema": "quantify-client/1",
+            "server": plan.url,
+            "name": plan.name,
+            "photographs": len(photos.photos),
+            "bytes": photos.size,
+            "with_gps": photos.with_gps,
+            "cameras": dict(photos.cameras),
+            "options": dict(plan.options),
+            "outputs": list(plan.outputs),
+            "gcp": plan.gcp is not None,
+            "warnings": [*plan.notes, *photos.warnings],
+        }
+        print(json.dumps(document, indent=2, allow_nan=False))
+    else:
+        print("\n".join(printable(line) for line in (*lines, "Nothing was sent (--dry-run).")))
+    return 0

@@ -1,0 +1,133 @@
+"""volume, demo and info."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from importlib import resources
+from pathlib import Path
+from typing import Any, Dict, Optional
+
+from rich.console import Console
+
+from ..pipeline import describe, measure
+from ..report import (
+    print_scaling,
+    print_table,
+    require_writable,
+    to_json,
+    write_report,
+)
+from ..report.words import printable
+from ..types import AreaFailure, Measurement
+from .access import access_of
+from .shown import complain, stages
+
+__all__ = ["deliver", "demo", "info", "options_of", "volume"]
+
+
+def volume(given: argparse.Namespace) -> int:
+    """Measure sources."""
+    _require_out(given)
+    with stages() as progress:
+        measurement = measure(
+            *given.sources, progress=progress, access=access_of(given), **options_of(given)
+        )
+    return deliver(measurement, given.out, given)
+
+
+def options_of(given: argparse.Namespace) -> Dict[str, Any]:
+    """Return the fields of the library's options object that the command line gives."""
+    density, sigma = given.density or (None, 0.0)
+    return {
+        "area": given.area,
+        "shape": given.shape,
+        "method": given.method,
+        "slices": given.slices,
+        "slice_height": given.slice_height,
+        "base": given.base,
+        "center_caps": given.center_caps,
+        "hollow": given.hollow,
+        "max_gap": given.max_gap,
+        "floor": given.floor,
+        "gcp": given.gcp,
+        "scale_mode": given.scale_mode,
+        "area_frame": given.area_frame,
+        "grid": given.grid,
+        "source_unit": given.source_unit,
+        "density": density,
+        "density_sigma": sigma,
+        "threads": given.threads,
+    }
+
+
+def demo(given: argparse.Namespace) -> int:
+    """Measure the bundled example."""
+    _require_out(given)
+    folder = resources.files("quantify_client") / "demo"
+    with (
+        resources.as_file(folder / "brighton_beach.laz") as cloud,
+        resources.as_file(folder / "areas.geojson") as areas,
+        stages() as progress,
+    ):
+        measurement = measure(cloud, progress=progress, area=areas)
+    return deliver(measurement, given.out, given)
+
+
+def _require_out(given: argparse.Namespace) -> None:
+    """Find out before a long measurement, not after it, that the report has no place to go."""
+    if given.out is not None:
+        require_writable(given.out)
+
+
+def deliver(measurement: Measurement, out: Optional[Path], given: argparse.Namespace) -> int:
+    """Write the files, print the results, and say in the exit status whether all are there."""
+    written = []
+    if out is not None:
+        with stages() as progress:
+            progress("drawing", 0.0)
+            written = write_report(measurement, out, units=given.units)
+            progress("drawing", 1.0)
+    if given.json:
+        print(json.dumps(to_json(measurement), indent=2, allow_nan=False))
+    else:
+        if measurement.scale is not None:
+            print_scaling(measurement.scale, Console(), units=given.units)
+        print_table(measurement, Console(), units=given.units)
+        for path in written:
+            if path.name == "report.html":
+                print(f"Report: {printable(path)}")
+    for result in measurement.results:
+        if isinstance(result, AreaFailure):
+            complain(f"{result.name}: {result.error}", 1)
+    return 0 if measurement.complete else 1
+
+
+def info(given: argparse.Namespace) -> int:
+    """Say what a source holds."""
+    with stages() as progress:
+        found = describe(
+            *given.sources,
+            source_unit=given.source_unit,
+            progress=progress,
+            access=access_of(given),
+        )
+    if given.json:
+        print(json.dumps(found, indent=2, allow_nan=False))
+        return 0
+    console = Console()
+    for key, value in found.items():
+        if key == "files":
+            value = ", ".join(f"{item['path']} ({item['size']:,} bytes)" for item in value)
+        elif isinstance(value, dict):
+            value = ", ".join(f"{k} {_brief(v)}" for k, v in value.items())
+        elif isinstance(value, (list, tuple)):
+            value = "; ".join(value) or "none"
+        console.print(f"{key:>15}  {printable(_brief(value))}", markup=False, highlight=False)
+    return 0
+
+
+def _brief(value: object) -> str:
+    if isinstance(value, tuple):
+        return " ".join(_brief(part) for part in value)
+    return f"{value:.3f}" if isinstance(value, float) else str(value)

@@ -1,0 +1,81 @@
+"""scale and gcp."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any, Mapping
+
+from rich.console import Console
+
+from ..errors import UsageError
+from ..pipeline import convert_control, scale
+from ..report import (
+    control_document,
+    print_control,
+    print_scaling,
+    scale_document,
+    write_scale_report,
+)
+from ..report.words import printable
+from ..types import Scaled
+from .access import access_of
+from .shown import stages
+
+__all__ = ["gcp", "scale_cloud"]
+
+
+def scale_cloud(given: argparse.Namespace) -> int:
+    """Make a cloud true to size, and write it and a page about it."""
+    page = None if given.out is None else given.out.with_name(f"{_stem(given.out)}-report.html")
+    with stages() as progress:
+        scaled = scale(
+            *given.sources,
+            gcp=given.gcp,
+            out=given.out,
+            scale_mode=given.scale_mode,
+            source_unit=given.source_unit,
+            progress=progress,
+            access=access_of(given),
+        )
+        if page is not None:
+            progress("drawing", 0.0)
+            _write_page(scaled, page, given.units)
+            progress("drawing", 1.0)
+    if given.json:
+        print(json.dumps(_document(scaled), indent=2, allow_nan=False))
+        return 0
+    print_scaling(scaled.scaling, Console(), units=given.units)
+    for warning in scaled.warnings:
+        print(f"Warning: {printable(warning)}")
+    if scaled.out is not None:
+        print(f"Cloud: {printable(scaled.out)}")
+        print(f"Report: {printable(page)}")
+    return 0
+
+
+def _write_page(scaled: Scaled, page: Path, units: str) -> None:
+    about = scaled.scaling, scaled.source, scaled.provenance, scaled.warnings
+    write_scale_report(*about, page, units, out=scaled.out)
+
+
+def _document(scaled: Scaled) -> Mapping[str, Any]:
+    about = scaled.scaling, scaled.source, scaled.provenance, scaled.warnings
+    return scale_document(*about, scaled.out)
+
+
+def _stem(path: Path) -> str:
+    return path.name[: -len(path.suffix)] if path.suffix else path.name
+
+
+def gcp(given: argparse.Namespace) -> int:
+    """Say what a control file can give, and write it for OpenDroneMap."""
+    if given.out is not None and given.to is None:
+        raise UsageError("--out goes with --to odm: add it, or leave both out")
+    account = convert_control(given.file, to=given.to, out=given.out)
+    if given.json:
+        print(json.dumps(control_document(account), indent=2, allow_nan=False))
+        return 0
+    print_control(account, Console(), units=given.units)
+    return 0

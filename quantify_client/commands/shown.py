@@ -1,0 +1,45 @@
+"""What every command shows: errors on one line, and how far a long one has come."""
+
+from __future__ import annotations
+
+import sys
+from contextlib import contextmanager
+from typing import Any, Callable, Iterator
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from ..report.words import printable
+
+__all__ = ["complain", "say", "stages"]
+
+
+def complain(error: object, status: int) -> int:
+    """Print an error as one line on stderr and return the exit status."""
+    line = " ".join(printable(error).split())
+    print(f"quantify-client: error: {line}", file=sys.stderr)
+    return status
+
+
+def say(text: object) -> None:
+    """Print one line for people on stderr, where it is in no program's way."""
+    print(" ".join(printable(text).split()), file=sys.stderr, flush=True)
+
+
+@contextmanager
+def stages() -> Iterator[Callable[[str, float], None]]:
+    """Yield a function that shows a stage's share on stderr when that is a terminal."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda stage, share: None
+        return
+    columns = TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn()
+    with Progress(*columns, console=console, transient=True) as bar:
+        known: dict[str, Any] = {}
+
+        def show(stage: str, share: float) -> None:
+            if stage not in known:
+                known[stage] = bar.add_task(stage, total=1.0)
+            bar.update(known[stage], completed=share)
+
+        yield show

@@ -1,0 +1,104 @@
+"""Control before there is a cloud: what OpenDroneMap is given, and what waits for the cloud."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Collection, Optional, Union
+
+from ..errors import ControlError
+from ..scaler.control import read_control
+from ..types import ControlAccount
+from .control import convert_control
+
+__all__ = ["ControlPlan", "plan_control"]
+
+#: OpenDroneMap takes every position as exact; one known no better than this would bend its model.
+_EXACT_M = 0.2
+
+#: A point is triangulated from two photographs at least.
+_FEWEST_PICKS = 2
+
+
+@dataclass(frozen=True)
+class ControlPlan:
+    """What becomes of a control file.
+
+    Attributes
+    ----------
+    sent : the GCP file that OpenDroneMap is to have; None where it would do more harm than good.
+    applied : whether the control sets the cloud's size right afterwards.
+    said : the same in words, one line.
+    """
+
+    sent: Optional[Path]
+    applied: bool
+    said: str
+
+
+def plan_control(gcp: Union[str, Path], images: Collection[str], out: Path) -> ControlPlan:
+    """Solve a control file before any photograph is sent, and decide who is to have it.
+
+    Parameters
+    ----------
+    images : names of the photographs.
+    out : where a gcp_list.txt is written if OpenDroneMap is to have one that we have solved.
+
+    Raises
+    ------
+    ControlError
+        The file cannot be read, or could never reach the cloud of these photographs.
+    """
+    account = convert_control(gcp)
+    _require_picks(gcp, images)
+    if Path(gcp).suffix.lower() == ".txt" and account.levelled == account.points:
+        # OpenDroneMap's own file, complete: its author means it to be used as it is.
+        return ControlPlan(Path(gcp), False, "sent to the node as it is; it holds no lengths")
+    try:
+        solved = convert_control(gcp, to="odm", out=out)
+    except ControlError:
+        return ControlPlan(
+            None,
+            True,
+            "applied to the cloud; not sent to the node, as its elevations cannot be solved well "
+            f"enough for that ('quantify-client gcp {gcp} --to odm' tells why)",
+        )
+    doubt = _doubt(solved)
+    if doubt is None:
+        number = len(solved.solved)
+        return ControlPlan(
+            out, True, f"{number} points sent to the node, everything applied to the cloud"
+        )
+    out.unlink()
+    return ControlPlan(
+        None, True, f"applied to the cloud; not sent to the node, which takes it as exact: {doubt}"
+    )
+
+
+def _require_picks(gcp: Union[str, Path], images: Collection[str]) -> None:
+    """Places in a cloud are of another one than that which is only going to be made."""
+    control = read_control(str(gcp))
+    seen = {(pick.name, pick.image) for pick in control.picks if pick.image in images}
+    names = [name for name, _ in seen]
+    usable = {name for name in names if names.count(name) >= _FEWEST_PICKS}
+    if usable:
+        return
+    if not control.picks:
+        raise ControlError(
+            f"{control.label}: has no picks in photographs, and the cloud that its places could be "
+            "in is still to be made; name a list of picks with 'images:', or submit without --gcp "
+            "and scale the result (quantify-client scale)"
+        )
+    raise ControlError(
+        f"{control.label}: no point is picked in {_FEWEST_PICKS} or more of these photographs; "
+        "expected the photographs' own file names, letter by letter: check the list of picks"
+    )
+
+
+def _doubt(solved: ControlAccount) -> Optional[str]:
+    apart = max(max(point.std) for point in solved.solved)
+    if apart > _EXACT_M:
+        return f"its points are known to {apart:.1f} m only"
+    if not solved.levelled:
+        return "its elevations count from a level of their own"
+    return None
