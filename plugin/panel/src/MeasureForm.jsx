@@ -1,0 +1,96 @@
+// What to measure, and how. One column of steps; what most people leave alone is folded.
+
+import React from "React";
+import Advanced from "./Advanced";
+import AreaStep from "./AreaStep";
+import ControlStep from "./ControlStep";
+import { wrongFields } from "./form";
+import { _ } from "./gettext";
+import { baseName, BASES } from "./words";
+import { Field, Notice, Select } from "./ui";
+
+export default class MeasureForm extends React.Component {
+  state = { tried: false };
+
+  /** Why measuring cannot begin yet; null when it can. */
+  missing(wrong) {
+    const { form, editor, info } = this.props;
+    const area = form.shape === "object" ? "whole" : form.area;
+    const drawn = editor.areas.length > 0;
+    if (area === "draw" && editor.drawing) return _("Close the outline first.");
+    if (area === "draw" && !drawn) return _("Draw an area on the map first.");
+    if (area === "file" && !form.file) return _("Choose a file with areas first.");
+    if ((area === "draw" || area === "file") && editor.problem) return editor.problem;
+    if (area === "crop" && !info.crop) return _("The task has no crop area.");
+    return Object.values(wrong)[0] || null;
+  }
+
+  measure = (event) => {
+    event.preventDefault();
+    this.setState({ tried: true });
+    const { form, bars, onMeasure } = this.props;
+    if (!this.missing(wrongFields(form, bars.bars))) onMeasure();
+  };
+
+  render() {
+    const { info, form, units, editor, bars, onChange, onError } = this.props;
+    if (!info.can_run) return <div className="vc-body"><Notice>{info.reason}</Notice></div>;
+    const wrong = wrongFields(form, bars.bars);
+    const missing = this.missing(wrong);
+    const shownWrong = this.state.tried ? wrong : {};
+    return (
+      <form className="vc-form" onSubmit={this.measure} noValidate>
+        <div className="vc-body">
+          <AreaStep info={info} form={form} units={units} editor={editor} onChange={onChange} onError={onError} />
+          {form.shape === "terrain" ? this.renderBase(shownWrong) : null}
+          {this.renderDensity(shownWrong)}
+          <ControlStep info={info} form={form} units={units} bars={bars} wrong={shownWrong} onChange={onChange}
+            onError={onError} />
+          <Advanced form={form} units={units} wrong={shownWrong} onChange={onChange} />
+        </div>
+        <div className="vc-foot theme-secondary">
+          <button type="submit" className="btn btn-primary vc-run" disabled={Boolean(missing) && !this.isTyping(wrong)}
+            aria-describedby="volcalc-missing">
+            {_("Measure volume")}
+          </button>
+          <div id="volcalc-missing" className="vc-quiet" role="status">{missing}</div>
+        </div>
+      </form>
+    );
+  }
+
+  /** A wrong field is pointed out when measuring is tried; the button stays alive for that. */
+  isTyping(wrong) {
+    return Object.keys(wrong).length > 0;
+  }
+
+  renderBase(wrong) {
+    const { form, units, onChange } = this.props;
+    const [, , said] = BASES.find(([key]) => key === form.base) || BASES[0];
+    return (
+      <div className="vc-step">
+        <Select label={_("Base")} value={form.base} onChange={(base) => onChange({ base })} hint={said()}
+          options={BASES.map(([key]) => ({ key, text: baseName(key, units) }))} />
+        {form.base === "elevation" ? (
+          <Field label={_("Elevation")} short value={form.elevation} unit={units.lengthUnit} wrong={wrong.elevation}
+            onChange={(elevation) => onChange({ elevation })} />
+        ) : null}
+      </div>
+    );
+  }
+
+  renderDensity(wrong) {
+    const { form, units, onChange } = this.props;
+    return (
+      <div className="vc-step vc-pair">
+        <Field label={_("Density")} short value={form.density} unit={units.densityUnit} wrong={wrong.density}
+          placeholder={_("none")} onChange={(density) => onChange({ density })} />
+        {form.density ? (
+          <Field label={_("± sigma")} short value={form.densitySigma} unit={units.densityUnit}
+            placeholder="0" wrong={wrong.densitySigma} onChange={(densitySigma) => onChange({ densitySigma })} />
+        ) : null}
+      </div>
+    );
+  }
+}
+

@@ -1,0 +1,164 @@
+// The measurements that the task keeps.
+
+import React from "React";
+import { projectTasks } from "./api";
+import { _, fill } from "./gettext";
+import { Rename } from "./Naming";
+import { Button, Icon, IconButton, Notice, Spinner } from "./ui";
+import { baseName, when } from "./words";
+
+export default class Saved extends React.Component {
+  state = { asking: null, busy: null, error: null, others: null };
+
+  /** Do something with one of them, and show what goes wrong beside it. */
+  act(id, doing) {
+    this.setState({ busy: id, error: null });
+    doing().then(
+      () => this.alive && this.setState({ busy: null, asking: null }),
+      (error) => this.alive && this.setState({ busy: null, error: { id, words: error.message } }),
+    );
+  }
+
+  componentDidMount() {
+    this.alive = true;
+  }
+
+  componentWillUnmount() {
+    this.alive = false;
+  }
+
+  askAgain(id) {
+    this.setState({ asking: { id, what: "again" } });
+    if (this.state.others) return;
+    const { info, tasks } = this.props;
+    projectTasks(info.task.project).then(
+      (others) => this.alive && this.setState({ others }),
+      () => this.alive && this.setState({ others: tasks.filter((task) => task.project === info.task.project) }),
+    );
+  }
+
+  render() {
+    const { list, info } = this.props;
+    return (
+      <div className="vc-body">
+        {info.lost ? (
+          <Notice kind="warning">
+            {_("Measurements that were saved here are gone: the task was restarted, which empties its files. " +
+              "Measure again, or restore the task from a backup.")}
+          </Notice>
+        ) : null}
+        {!info.can_run && info.reason ? <Notice>{info.reason}</Notice> : null}
+        {list === null ? <p className="vc-quiet"><Spinner /> {_("Looking for saved measurements …")}</p> : null}
+        {list && !list.length ? this.renderEmpty() : null}
+        {list && list.length ? (
+          <ul className="vc-saved">
+            {list.slice().sort((a, b) => String(b.date).localeCompare(String(a.date))).map((saved) => this.renderOne(saved))}
+          </ul>
+        ) : null}
+      </div>
+    );
+  }
+
+  renderEmpty() {
+    const { info } = this.props;
+    return (
+      <div className="vc-empty">
+        <p><strong>{_("Nothing saved yet")}</strong></p>
+        <p className="vc-quiet">
+          {info.can_change
+            ? _("A measurement that you save stays with the task: everybody who may see the task sees it here.")
+            : _("Measurements that the task's owner saves appear here.")}
+        </p>
+      </div>
+    );
+  }
+
+  renderOne(saved) {
+    const { info, onOpen, onRename, onRemove } = this.props;
+    const { asking, busy, error } = this.state;
+    const asked = asking && asking.id === saved.id ? asking.what : null;
+    const name = saved.name || _("(unreadable)");
+    return (
+      <li key={saved.id} className="theme-border-primary">
+        <div className="vc-saved-head">
+          <Rename name={name} may={info.can_change && saved.readable} onRename={(next) => onRename(saved, next)}>
+            <button type="button" className="vc-link vc-clip" disabled={!saved.readable || busy === saved.id}
+              onClick={() => this.act(saved.id, () => onOpen(saved.id))}>
+              {name}
+            </button>
+          </Rename>
+          {busy === saved.id ? <Spinner /> : null}
+        </div>
+        {saved.readable ? this.renderSummary(saved) : (
+          <Notice kind="warning">{saved.problem || _("The file cannot be read.")}</Notice>
+        )}
+        <div className="vc-saved-foot">
+          <span className="vc-quiet">{[when(saved.date), saved.user].filter(Boolean).join(" · ")}</span>
+          <span className="vc-actions">
+            {saved.readable ? (
+              <IconButton icon="show" label={fill(_("Show %(name)s"), { name })}
+                onClick={() => this.act(saved.id, () => onOpen(saved.id))} />
+            ) : null}
+            {info.can_run && saved.readable ? (
+              <IconButton icon="again" label={fill(_("Measure %(name)s again"), { name })}
+                onClick={() => this.askAgain(saved.id)} />
+            ) : null}
+            {info.can_change ? (
+              <IconButton icon="trash" label={fill(_("Delete %(name)s"), { name })}
+                onClick={() => this.setState({ asking: { id: saved.id, what: "delete" } })} />
+            ) : null}
+          </span>
+        </div>
+        {asked === "delete" ? (
+          <div className="vc-ask" role="group" aria-label={_("Delete")}>
+            <span>{_("Delete this measurement for everybody?")}</span>
+            <button type="button" className="btn btn-sm btn-danger" onClick={() => this.act(saved.id, () => onRemove(saved))}>
+              {_("Delete")}
+            </button>
+            <Button onClick={() => this.setState({ asking: null })}>{_("Keep")}</Button>
+          </div>
+        ) : null}
+        {asked === "again" ? this.renderAgain(saved) : null}
+        {error && error.id === saved.id ? <Notice kind="error">{error.words}</Notice> : null}
+      </li>
+    );
+  }
+
+  renderSummary({ summary, options }) {
+    const { units } = this.props;
+    if (!summary) return null;
+    const terrain = summary.shape === "terrain";
+    return (
+      <div className="vc-saved-sum">
+        <strong>{units.volume(summary.volume_m3, summary.std_m3)}</strong> {units.margin(summary.std_m3)}
+        {terrain ? (
+          <span className="vc-quiet">
+            {` · ${_("cut")} ${units.volumeNumber(summary.cut_m3, summary.std_m3)} · ${_("fill")} ${units.volumeNumber(summary.fill_m3, summary.std_m3)}`}
+          </span>
+        ) : null}
+        {summary.results > 1 ? <span className="vc-quiet"> · {fill(_("%(count)s areas"), { count: summary.results })}</span> : null}
+        {terrain && options && options.base !== undefined && options.base !== null
+          ? <span className="vc-quiet"> · {baseName(options.base, units).toLowerCase()}</span> : null}
+      </div>
+    );
+  }
+
+  renderAgain(saved) {
+    const { info, onAgain } = this.props;
+    const others = (this.state.others || []).filter(({ id }) => id !== info.task.id);
+    return (
+      <div className="vc-ask" role="group" aria-label={_("Measure again")}>
+        <span>{_("Same area, same settings, in")}</span>
+        <select className="form-control" aria-label={_("Task to measure in")} ref={(select) => (this.select = select)}>
+          <option value={info.task.id}>{fill(_("%(name)s (this task)"), { name: info.task.name })}</option>
+          {others.map(({ id, name }) => <option key={id} value={id}>{name || id}</option>)}
+        </select>
+        <button type="button" className="btn btn-sm btn-primary" disabled={!this.state.others}
+          onClick={() => this.act(saved.id, () => onAgain(saved, this.select.value))}>
+          <Icon name="again" /> {_("Measure")}
+        </button>
+        <Button onClick={() => this.setState({ asking: null })}>{_("Cancel")}</Button>
+      </div>
+    );
+  }
+}

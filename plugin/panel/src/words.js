@@ -1,0 +1,55 @@
+// What the library's short names mean, for people.
+
+import { _ } from "./gettext";
+
+export const BASES = [
+  ["triangulate", () => _("Ground along the outline"), () => _("Stretched between the points of the outline; right for most piles and pits.")],
+  ["plane", () => _("Best plane"), () => _("A tilted plane through the outline; right for piles on a flat yard.")],
+  ["average", () => _("Level, average"), () => _("A level at the outline's mean elevation.")],
+  ["lowest", () => _("Level, lowest"), () => _("A level at the outline's lowest point.")],
+  ["highest", () => _("Level, highest"), () => _("A level at the outline's highest point; the room left in a pit.")],
+  ["elevation", () => _("Level, at an elevation"), () => _("A level that you give, such as a design height.")],
+  ["compare", () => _("Compare all of them"), () => _("Measures against the outline's ground and lists every other base.")],
+];
+
+export function baseName(base, units) {
+  const known = BASES.find(([key]) => key === base);
+  if (known) return known[1]();
+  const level = Number(base);
+  return base !== null && base !== "" && Number.isFinite(level)
+    ? `${_("Level at")} ${units.length(level)}`
+    : String(base);
+}
+
+const BUDGET = {
+  survey: () => _("Survey: noise of the points"),
+  base: () => _("Base: what lies underneath"),
+  scale: () => _("Scale: size of the whole cloud"),
+  coverage: () => _("Coverage: gaps between points"),
+  slicing: () => _("Slicing: thickness of the slices"),
+  outline: () => _("Outline: where the edge runs"),
+  sampling: () => _("Sampling: distance of the points"),
+};
+
+export function budgetWords(source) {
+  return BUDGET[source] ? BUDGET[source]() : String(source);
+}
+
+export function shapeWords(shape) {
+  return shape === "object" ? _("Closed body") : _("Terrain against a base");
+}
+
+/** A date as the reader's browser writes it; what is none stays as it is. */
+export function when(text, withTime = true) {
+  const date = new Date(text);
+  if (Number.isNaN(date.getTime())) return String(text || "");
+  return withTime
+    ? date.toLocaleString(undefined, { dateStyle: "medium", timeStyle: "short" })
+    : date.toLocaleDateString(undefined, { dateStyle: "medium" });
+}
+
+export function seconds(value) {
+  if (!Number.isFinite(value)) return "";
+  const whole = Math.round(value);
+  return whole < 60 ? `${whole} s` : `${Math.floor(whole / 60)} min ${whole % 60} s`;
+}
