@@ -1,5 +1,8 @@
 # make demo    install into .venv and measure the bundled OpenDroneMap cloud
 # make test    everything that must pass: lint, format, types, import contracts, tests, Python 3.9
+# make test-live   the tests that take a real server: NODEODM_URL=http://... (docs/servers.md)
+# make test-webodm   clicks in a real WebODM: WEBODM_URL, WEBODM_USER, WEBODM_PASSWORD (docs/webodm.md)
+# make plugin  build the WebODM plugin: dist/volcalc.zip and dist/volcalc-offline.zip (docs/webodm.md)
 # make coverage   the tests once more, with the lines that none of them reaches
 # make lint    the checks that need no test run        make format   let ruff mend what it can
 # make clean   remove what these made
@@ -14,25 +17,30 @@ VENV := .venv
 DEV := .venv-dev
 OLD := .venv39
 
-# The oldest Python and the exact pins of WebODM. A pyenv shim may be on PATH without a 3.9 behind
-# it, so each candidate has to answer.
+# The oldest Python and the exact pins of WebODM, its web framework included. A pyenv shim may be on
+# PATH without a 3.9 behind it, so each candidate has to answer.
 PYTHON39 ?= $(shell for p in python3.9 $(HOME)/.pyenv/versions/3.9*/bin/python3.9 \
 	"$$(pyenv root 2>/dev/null)"/versions/3.9*/bin/python3.9; do \
 	"$$p" -c 'import sys, ensurepip, venv; sys.version_info[:2] == (3, 9) or sys.exit(1); \
 	print(sys.executable)' 2>/dev/null && break; done)
-OLD_PINS := numpy==1.26.2 scipy==1.11.3
+OLD_PINS := numpy==1.26.2 scipy==1.11.3 Django==2.2.27 djangorestframework==3.13.1
 
 # Tests run side by side; threads of the linear algebra beside them would only wait for each other.
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test lint lint39 format suite suite39 say39 coverage clean
+.PHONY: demo plugin test test-live test-webodm lint lint39 format suite suite39 say39 coverage clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.ready
 	$(VENV)/bin/quantify-client demo --out demo-out
 	@echo "The report: $(CURDIR)/demo-out/report.html"
+
+plugin: $(VENV)/.ready
+	$(VENV)/bin/python -c "from pathlib import Path; \
+	  from quantify_client.plugin_build import build_plugin; \
+	  [print(build_plugin(Path('dist'), offline=o)) for o in (False, True)]"
 
 test: say39 lint lint39 suite suite39
 
@@ -48,6 +56,16 @@ format: $(DEV)/.ready
 
 suite: $(DEV)/.ready
 	MPLBACKEND=Agg $(DEV)/bin/python -m pytest -n $(JOBS)
+
+test-live: $(DEV)/.ready
+	@test -n "$(NODEODM_URL)" || { echo "make: NODEODM_URL is not set: give the address of a NodeODM" \
+	  "or ClusterODM on a machine of yours, NODEODM_URL=http://127.0.0.1:3000 say" >&2; exit 1; }
+	$(DEV)/bin/python -m pytest -v tests/jobs/test_live.py
+
+test-webodm: $(DEV)/.ready
+	@test -n "$(WEBODM_URL)" || { echo "make: WEBODM_URL, WEBODM_USER and WEBODM_PASSWORD are not set:" \
+	  "give a WebODM of yours whose plugin volcalc may be replaced (docs/webodm.md)" >&2; exit 1; }
+	$(DEV)/bin/python -m pytest -v tests/panel/test_live.py tests/jobs/test_webodm_live.py
 
 coverage: $(DEV)/.ready
 	MPLBACKEND=Agg $(DEV)/bin/python -m pytest -n $(JOBS) --cov

@@ -3,7 +3,8 @@
 :mod:`.projection` holds what is needed of PROJ, :mod:`.frame` the metric frame of a cloud,
 :mod:`.ground` the way of geometries into it and of grid lengths to the ground,
 :mod:`.positions` that of single points, :mod:`.local` their way to the ground of one site,
-:mod:`.placed` the frame of a cloud that is moved on its way.
+:mod:`.placed` the frame of a cloud that is moved on its way,
+:mod:`.onmap` where a web map shows it.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from .ground import (
     transfer_accuracy_m,
 )
 from .local import LocalFrame, local_frame, utm_grid
+from .onmap import OnMap, on_map
 from .placed import PlacedFrame, placed_frame
 from .positions import Plane, odm_header, plane_of, positions_to
 from .projection import is_geographic
@@ -25,6 +27,7 @@ from .wkt import as_wkt
 __all__ = [
     "Frame",
     "LocalFrame",
+    "OnMap",
     "PlacedFrame",
     "Plane",
     "as_wkt",
@@ -36,6 +39,7 @@ __all__ = [
     "local_frame",
     "measuring_frame",
     "odm_header",
+    "on_map",
     "placed_frame",
     "plane_of",
     "positions_to",

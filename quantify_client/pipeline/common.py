@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, replace
 from datetime import datetime
-from importlib import metadata
 from pathlib import Path
 from typing import Any, Mapping, Optional, Sequence, Union
 
@@ -13,6 +12,7 @@ from ..crs import Frame, PlacedFrame, grid_scale_factor
 from ..sfm.outputs import Source
 from ..streaming import nothing_usable
 from ..types import AreaFailure, AreaResult, Bounds, Measurement, Options, Window
+from ..version import package_version
 
 __all__ = [
     "Result",
@@ -131,12 +131,8 @@ def provenance(
         if value is not None:
             given[name] = str(value) if isinstance(value, (str, Path)) else "given as an object"
     given = {key: value for key, value in given.items() if only is None or key in only}
-    try:
-        version = metadata.version("quantify-client")
-    except metadata.PackageNotFoundError:
-        version = "unknown"
     return {
-        "version": version,
+        "version": package_version(),
         "options": given,
         "input": [dict(item) for item in source.inputs],
         "started": started.isoformat(timespec="seconds"),

@@ -1,17 +1,23 @@
 """Results as files, pictures, a page and a table; nothing is computed here.
 
-matplotlib is loaded only when pictures are drawn.
+Each name is imported when it is first used: matplotlib only where pictures are drawn, rich only
+where a terminal is written to. Inside WebODM neither is there.
 """
 
 from __future__ import annotations
 
-from .control_account import control_document, print_control
-from .jsonout import to_json
-from .scale_json import scale_document, scale_json
-from .scale_table import print_scaling
-from .scale_write import write_scale_report
-from .table import print_table
-from .write import require_writable, write_report
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from .scale_json import scale_document, scale_json  # a module and a function of one name: not late
+
+if TYPE_CHECKING:
+    from .control_account import control_document, print_control
+    from .jsonout import to_json
+    from .scale_table import print_scaling
+    from .scale_write import write_scale_report
+    from .table import print_table
+    from .write import require_writable, write_report
 
 __all__ = [
     "control_document",
@@ -25,3 +31,21 @@ __all__ = [
     "write_report",
     "write_scale_report",
 ]
+
+_ROOMS = {
+    "control_document": "control_account",
+    "print_control": "control_account",
+    "print_scaling": "scale_table",
+    "print_table": "table",
+    "require_writable": "write",
+    "to_json": "jsonout",
+    "write_report": "write",
+    "write_scale_report": "scale_write",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a name's module when it is first used."""
+    if name not in _ROOMS:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f".{_ROOMS[name]}", __name__), name)

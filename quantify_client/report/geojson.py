@@ -9,6 +9,7 @@ from shapely.geometry.polygon import orient
 
 from ..errors import CrsError
 from ..types import AreaFailure, AreaResult, Measurement
+from .flat import flat_properties
 from .jsonout import to_json
 
 if TYPE_CHECKING:
@@ -19,26 +20,6 @@ __all__ = ["CLOUD_COORDINATES", "to_geojson"]
 CLOUD_COORDINATES = "cloud coordinates, no CRS"
 WGS84_DECIMALS = 9  # 0.1 mm on the ground
 CLOUD_DECIMALS = 4
-FLAT_KEYS = (
-    "volume_m3",
-    "cut_m3",
-    "fill_m3",
-    "std_m3",
-    "cut_std_m3",
-    "fill_std_m3",
-    "area_m2",
-    "surface_area_m2",
-    "perimeter_m",
-    "min_z_m",
-    "max_z_m",
-    "max_height_m",
-    "coverage",
-    "points_used",
-    "mass_t",
-    "mass_std_t",
-    "base",
-    "cell_m",
-)
 
 
 def to_geojson(measurement: Measurement) -> Dict[str, Any]:
@@ -80,22 +61,10 @@ def _feature(
     frame: Optional[Frame],
     remark: str,
 ) -> Dict[str, Any]:
-    properties = _properties(row)
+    properties = flat_properties(row)
     if remark:
         properties["coordinate_reference"] = remark
     return {"type": "Feature", "geometry": _geometry(result, frame), "properties": properties}
-
-
-def _properties(row: Dict[str, Any]) -> Dict[str, Any]:
-    """Return flat properties: attribute tables have no lists."""
-    if "error" in row:
-        return {"name": row["name"], "error": row["error"]}
-    flat: Dict[str, Any] = {"name": row["name"], **{key: row[key] for key in FLAT_KEYS}}
-    for part in ("", "cut_", "fill_"):
-        low, high = row[f"{part}interval95_m3"] or (None, None)
-        flat[f"{part}interval95_low_m3"], flat[f"{part}interval95_high_m3"] = low, high
-    flat["warnings"] = "; ".join(row["warnings"])
-    return flat
 
 
 def _geometry(

@@ -17,7 +17,6 @@ from .result_markup import result_body
 from .scale_markup import scale_section
 from .scale_words import factor_words
 from .units import NOTHING, Units
-from .view import script, script_policy, view_markup
 from .words import crs_words, json_words, volume_word
 
 __all__ = ["page_header", "page_top", "provenance_card", "render_html"]
@@ -28,13 +27,13 @@ Result = Union[AreaResult, AreaFailure]
 def render_html(
     measurement: Measurement,
     units: Units,
-    pictures: Mapping[int, Path],
+    pictures: Mapping[int, Union[Path, bytes]],
     overview: Optional[Path] = None,
     scale_picture: Optional[Path] = None,
 ) -> Iterator[str]:
     """Yield the page in pieces, so that the pictures of many areas are not all in memory.
 
-    `pictures` has the PNG file of each result that has one, by its index.
+    `pictures` has the PNG (a file, or what is in one) of each result that has one, by its index.
     """
     views = sum(isinstance(r, AreaResult) and r.solid is not None for r in measurement.results)
     yield page_top(f"Volumes: {measurement.source}", views)
@@ -45,11 +44,15 @@ def render_html(
         yield from _summary(measurement, units, overview)
     for index, result in enumerate(measurement.results):
         view = ""
-        if isinstance(result, AreaResult):
+        if isinstance(result, AreaResult) and result.solid is not None:
+            from .view import view_markup  # late: it draws, and most pages have nothing to turn
+
             view = view_markup(result, units, north=bool(measurement.crs), views=views)
         yield from _card(index, result, units, pictures.get(index), view)
     yield provenance_card(measurement.provenance, measurement.crs)
     if views:
+        from .view import script
+
         yield f"<script>{script()}</script>\n"
     yield "</body>\n</html>\n"
 
@@ -61,6 +64,8 @@ def page_top(title: str, views: int = 0) -> str:
     style = (folder / "report.css").read_text("utf-8")
     scripts = ""
     if views:
+        from .view import script_policy
+
         style += (folder / "view.css").read_text("utf-8")
         scripts = f"; script-src {script_policy()}"
     return template.substitute(title=text(title), style=style, scripts=scripts)
@@ -135,7 +140,7 @@ def _body_row(index: int, result: Result, units: Units) -> List[str]:
 
 
 def _card(
-    index: int, result: Result, units: Units, picture: Optional[Path], view: str
+    index: int, result: Result, units: Units, picture: Optional[Union[Path, bytes]], view: str
 ) -> Iterator[str]:
     failed = isinstance(result, AreaFailure)
     yield f'<article class="card{" failed" if failed else ""}" id="area-{index + 1}">'

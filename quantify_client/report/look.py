@@ -12,6 +12,7 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.font_manager import FontProperties, findfont, get_font
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator
 
+from .colours import DIVERGING
 from .units import fixed
 from .words import printable
 
@@ -41,17 +42,6 @@ MUTED = "#69747b"
 FAINT = "#dfe3e4"
 PAPER = "#f1f2ef"  # ground that the cloud does not show
 
-DIVERGING = (
-    (0.00, "#123a63"),
-    (0.14, "#2468a3"),
-    (0.30, "#6fa8d2"),
-    (0.43, "#cfe1ec"),
-    (0.50, "#f8f6f1"),
-    (0.57, "#f5dbc6"),
-    (0.70, "#e29a6c"),
-    (0.86, "#bb5130"),
-    (1.00, "#6e1d12"),
-)
 # Of heights in a body, from the lowest: what is dark lies deep.
 HEIGHTS = ("#1f4a48", "#3c6f5f", "#6b9270", "#a3b07a", "#d9bf83")
 # Written in text, never as TeX: names hold dollar signs.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import html
 from pathlib import Path
-from typing import Iterable, Iterator, List, Optional, Sequence, Tuple
+from typing import Iterable, Iterator, List, Optional, Sequence, Tuple, Union
 
 from .words import printable
 
@@ -71,8 +71,9 @@ def details(summary: str, markup: str, *, opened: bool = False) -> str:
     return f"{tag}<summary>{text(summary)}</summary>{markup}</details>"
 
 
-def figure(path: Path, words: str) -> Iterator[str]:
-    """Yield a PNG file as a figure of the page itself."""
+def figure(picture: Union[Path, bytes], words: str) -> Iterator[str]:
+    """Yield a PNG (a file, or what is in one) as a figure of the page itself."""
+    png = picture if isinstance(picture, bytes) else picture.read_bytes()
     yield f'<figure><img alt="{text(words)}" src="data:image/png;base64,'
-    yield base64.b64encode(path.read_bytes()).decode("ascii")
+    yield base64.b64encode(png).decode("ascii")
     yield '"></figure>'

@@ -28,7 +28,7 @@ from .sightings import control_points, sightings
 from .tables import is_point_table
 from .trees import Node, quoted, read_json, read_yaml
 
-__all__ = ["read_control"]
+__all__ = ["read_control", "require_self_contained"]
 
 _WGS84 = Plane("EPSG:4326", None)
 _KEYS: Keys = {
@@ -80,8 +80,36 @@ def read_control(path: Union[str, Path]) -> Control:
     if kind == "table":
         root = Node(members={"points": Node(path.name)})
     else:
-        root = (read_yaml if kind == "yaml" else read_json)(text, source.file)
+        root = _tree(kind, text, source)
     return _control(path, root, source)
+
+
+def require_self_contained(path: Union[str, Path]) -> None:
+    """Refuse a control file that names other files: of a stranger's, they are not to be read.
+
+    Raises
+    ------
+    ControlError
+        It does, or it cannot be read.
+    """
+    path = Path(path)
+    text = read_text(path)
+    kind = _kind(path, text)
+    if kind in ("gcp_list", "table"):
+        return
+    source = Source(path, None, None)
+    root = _tree(kind, text, source)
+    for key in ("points", "distances", "cloud", "images"):
+        if _part(root, key).text is not None:
+            raise ControlError(
+                f"{source.file}: {key} names another file, which is not read here: write what it "
+                "holds into this one"
+                + ("; picks in photographs go as a gcp_list.txt" if key == "images" else "")
+            )
+
+
+def _tree(kind: str, text: str, source: Source) -> Node:
+    return (read_yaml if kind == "yaml" else read_json)(text, source.file)
 
 
 def _kind(path: Path, text: str) -> str:

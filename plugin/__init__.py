@@ -1,0 +1,1 @@
+from .plugin import *  # noqa: D104, F403 - WebODM looks for Plugin here

@@ -1,0 +1,122 @@
+"""From a checked request to a job in WebODM's queue."""
+
+import os
+
+from app.plugins.worker import run_function_async
+
+from .base import COMPLETED, plugin_here, refused
+from .checks import LIMITS, checked_area, polygon_area
+from .job import run_job
+from .shapes import MisshapenError
+from .store import new_job, sweep, user_jobs
+
+__all__ = ["area_of", "crop_of", "reason_not", "sources_of", "start"]
+
+_FOR_OBJECTS = ("method", "center_caps", "hollow", "max_gap", "floor")
+
+
+def sources_of(task):
+    """Return the paths of the task's tiles and of its cloud's file; None where there is none."""
+    tiles = task.assets_path("entwine_pointcloud", "ept.json")
+    found = {"ept": os.path.abspath(tiles) if os.path.isfile(tiles) else None, "laz": None}
+    for asset in ("georeferenced_model.laz", "georeferenced_model.las"):
+        path = task.get_asset_download_path(asset)
+        if found["laz"] is None and os.path.isfile(path):
+            found["laz"] = os.path.abspath(path)
+    return found
+
+
+def reason_not(task):
+    """Return why the task cannot be measured; None when it can."""
+    if task.status != COMPLETED:
+        return "The task is not completed."
+    if not any(sources_of(task).values()):
+        return "The task has no georeferenced point cloud."
+    return None
+
+
+def crop_of(task):
+    """Return the task's crop as GeoJSON (longitude, latitude); None without one.
+
+    Its own coordinates: WebODM's GeoJSON of it has latitude first.
+    """
+    crop = task.crop
+    if crop is None or crop.geom_type not in ("Polygon", "MultiPolygon"):
+        return None
+    parts = crop.coords if crop.geom_type == "MultiPolygon" else (crop.coords,)
+    rings = [[[[x, y] for x, y, *_ in ring] for ring in part] for part in parts]
+    if len(rings) == 1:
+        return {"type": "Polygon", "coordinates": rings[0]}
+    return {"type": "MultiPolygon", "coordinates": rings}
+
+
+def area_of(task, wanted):
+    """Return what is to be measured as a FeatureCollection; None for the whole cloud."""
+    if wanted == "whole":
+        return None
+    if wanted == "crop":
+        crop = crop_of(task)
+        if crop is None:
+            raise MisshapenError("the task has no crop; draw an area, or measure the whole cloud")
+        if crop["type"] == "Polygon":
+            return polygon_area(crop["coordinates"], "crop")
+        return checked_area({"type": "Feature", "properties": {"name": "crop"}, "geometry": crop})
+    if not isinstance(wanted, dict):
+        raise MisshapenError('area has to be GeoJSON, "crop" or "whole"')
+    return checked_area(wanted)
+
+
+def start(request, task, *, area, options, control, name):
+    """Queue a measurement and return its job's folder."""
+    reason = reason_not(task)
+    if reason is not None:
+        raise refused(409, reason)
+    _require_agreement(area, options, control)
+    plugin = plugin_here()
+    root = plugin.get_persistent_path("jobs")
+    sweep(root)
+    if len(user_jobs(root, request.user.pk)) >= LIMITS["jobs"]:
+        raise refused(
+            429,
+            f"{LIMITS['jobs']} measurements of yours wait or run; wait for one of them, or "
+            "cancel it",
+        )
+    asked = {
+        "task": str(task.id),
+        "project": task.project.pk,
+        "user": request.user.pk,
+        "user_name": request.user.get_username(),
+        "task_name": task.name or "task",
+        "name": name,
+        "assets": os.path.abspath(task.assets_path()),
+        "sources": sources_of(task),
+        "area": area,
+        "options": options,
+        "control": control,
+    }
+    folder = new_job(root, asked)
+    queued = run_function_async(run_job, __package__, os.path.abspath(root), folder.job)
+    # In a file of its own: the worker may be writing to job.json already.
+    (folder.path / "celery").write_text(str(queued.task_id), encoding="utf-8")
+    return folder
+
+
+def _require_agreement(area, options, control):
+    """Refuse at once what the library would refuse in the worker."""
+    given = [key for key in _FOR_OBJECTS if options.get(key) not in (None, False, "auto")]
+    as_object = options.get("shape") == "object" or given
+    if as_object and area is not None:
+        raise MisshapenError(
+            f"{given[0] if given else 'shape object'} goes with a body that is measured whole; "
+            "choose the whole cloud, or leave it out"
+        )
+    if as_object and "base" in options:
+        raise MisshapenError("base goes with terrain, not with a body: leave one of them out")
+    if "slice_height" in options and options.get("slices", "auto") != "auto":
+        raise MisshapenError("slices and slice_height exclude each other: give one of them")
+    if "density_sigma" in options and "density" not in options:
+        raise MisshapenError("density_sigma goes with density: give both")
+    if control is None and ("scale_mode" in options or "area_frame" in options):
+        raise MisshapenError("scale_mode and area_frame go with control: give control points")
+    if control is not None and options.get("grid"):
+        raise MisshapenError("grid goes without control: leave one of them out")

@@ -1,0 +1,211 @@
+"""One measurement in WebODM's worker: files in, the library's measure(), a document out.
+
+This module and what it imports need the plugin's requirements; only the worker loads it.
+"""
+
+import importlib
+import re
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+
+from .checks import area_key
+from .documents import SCHEMA
+from .quantify_client.errors import CloudError, QuantifyError
+from .quantify_client.pipeline import measure
+from .quantify_client.report.jsonout import to_json
+from .quantify_client.report.layers import map_layers
+from .store import HEARTBEAT_S, JobFolder, write_json
+
+__all__ = ["run"]
+
+#: Where each stage of the library lies between nothing and all, in percent.
+_STAGES = {
+    "reading points": (2.0, 70.0),
+    "finding the body": (70.0, 92.0),
+    "measuring areas": (70.0, 92.0),
+    "slicing": (70.0, 92.0),
+    "drawing": (92.0, 99.0),
+}
+
+
+class CancelledError(BaseException):
+    """Somebody asked for the end; nothing in between is to catch it."""
+
+
+class _Progress:
+    """Tells how it goes, now and then, and from a thread of its own that it still goes."""
+
+    def __init__(self, folder):
+        self._folder = folder
+        self._lock, self._ended = threading.Lock(), threading.Event()
+        self._started = time.time()
+        self._stage, self._percent, self._said = "starting", 0.0, 0.0
+        self._thread = threading.Thread(target=self._beat, daemon=True)
+
+    def __enter__(self):
+        self._say()
+        self._thread.start()
+        return self
+
+    def __exit__(self, *exc):
+        self._ended.set()
+        self._thread.join()
+
+    def __call__(self, stage, share):
+        """Take a stage of the library and the share of it that is done."""
+        if self._folder.cancelled:
+            raise CancelledError
+        low, high = _STAGES.get(stage, (self._percent, self._percent))
+        with self._lock:
+            # A cloud that is read again does not make the bar go back.
+            percent = max(self._percent, low + (high - low) * min(max(share, 0.0), 1.0))
+            changed = stage != self._stage or percent - self._said >= 1.0
+            self._stage, self._percent = stage, percent
+        if changed:
+            self._say()
+
+    def end(self, state, **more):
+        """Write the last state."""
+        self._ended.set()
+        self._thread.join()
+        now = time.time()
+        self._folder.say(state=state, beat=now, started=self._started, **more)
+
+    def _say(self):
+        with self._lock:
+            if self._ended.is_set():
+                return
+            self._said = self._percent
+            self._folder.say(
+                state="running",
+                beat=time.time(),
+                started=self._started,
+                stage=self._stage,
+                percent=round(self._percent, 1),
+            )
+
+    def _beat(self):
+        while not self._ended.wait(HEARTBEAT_S):
+            try:
+                self._say()
+            except OSError:
+                return  # the folder is gone: nobody waits for this job
+
+
+def run(root, job):
+    """Measure what the job's folder asks for; leave the result and the last state there."""
+    folder = JobFolder(root, job)
+    if folder.cancelled:
+        return
+    asked = folder.about()
+    with _Progress(folder) as progress:
+        try:
+            document = _document(folder, asked, progress)
+            write_json(folder.path / "result.json", document)
+            progress.end("done")
+        except CancelledError:
+            progress.end("cancelled")
+        except QuantifyError as error:
+            progress.end("failed", error=_harmless(str(error), asked, folder)[:1000])
+        except MemoryError:
+            progress.end(
+                "failed", error="the worker has too little memory for this; draw a smaller area"
+            )
+
+
+def _document(folder, asked, progress):
+    source, measurement = _measured(folder, asked, progress)
+    progress("drawing", 0.0)
+    if asked["area"] is None:
+        # The library calls a whole cloud by its folder, which says nothing here.
+        results = [replace(result, name=asked["task_name"]) for result in measurement.results]
+        measurement = replace(measurement, results=results)
+    document = _harmless(to_json(measurement), asked, folder)
+    document["source"] = asked["task_name"]
+    for entry in document["provenance"]["input"]:
+        entry["path"] = Path(entry["path"]).name
+    area = _named(asked["area"], measurement)
+    layers = map_layers(measurement)
+    progress("drawing", 1.0)
+    return {
+        "schema": SCHEMA,
+        "id": folder.job,
+        "name": asked["name"],
+        "date": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+        "user": None,
+        "task": asked["task"],
+        "project": asked["project"],
+        "area": area,
+        "area_key": area_key(area),
+        "options": asked["options"],
+        "control": asked["control"],
+        "source": source,
+        "measurement": document,
+        "layers": layers,
+    }
+
+
+def _measured(folder, asked, progress):
+    """Measure the tiles, or the whole cloud's file where there are none or they are damaged."""
+    options = {**asked["options"], "area": asked["area"], "threads": _threads()}
+    sources = [(kind, asked["sources"][kind]) for kind in ("ept", "laz") if asked["sources"][kind]]
+    for place, (kind, path) in enumerate(sources):
+        try:
+            gcp = _control_file(folder, asked["control"], path, progress)
+            return kind, measure(path, progress=progress, gcp=gcp, **options)
+        except CloudError as error:
+            if place + 1 == len(sources):
+                raise
+            folder.note(tiles_problem=str(error)[:300])
+    raise CloudError("the task has no point cloud; process it again with one")
+
+
+def _control_file(folder, control, cloud, progress):
+    """Write what was uploaded, or what was clicked on the map, as a control file."""
+    if control is None:
+        return None
+    if "scale_bars" in control:
+        from .quantify_client.pipeline.clicked import bars_control
+
+        path = folder.path / "control.json"
+        write_json(path, bars_control(cloud, control["scale_bars"], progress))
+        return str(path)
+    from .quantify_client.scaler.control import require_self_contained
+
+    path = folder.path / control["name"]
+    path.write_text(control["text"], encoding="utf-8")
+    # Nobody may have the server read a file of its own by naming it in an upload.
+    require_self_contained(path)
+    return str(path)
+
+
+def _threads():
+    settings = importlib.import_module("webodm.settings")
+    wanted = getattr(settings, "WORKERS_MAX_THREADS", 1)
+    return max(int(wanted), 1) if isinstance(wanted, int) else 1
+
+
+def _named(area, measurement):
+    """Return the area with the names of its results: there is one for each polygon, in order."""
+    if area is None:
+        return None
+    features = [
+        {**feature, "properties": {"name": result.name}}
+        for feature, result in zip(area["features"], measurement.results)
+    ]
+    return {**area, "features": features}
+
+
+def _harmless(value, asked, folder):
+    """Return a value without paths of the server, and without a command line's dashes."""
+    if isinstance(value, dict):
+        return {key: _harmless(item, asked, folder) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_harmless(item, asked, folder) for item in value]
+    if not isinstance(value, str):
+        return value
+    for path in (str(folder.path), asked["assets"], str(Path(asked["assets"]).resolve())):
+        value = value.replace(path + "/", "").replace(path, "the task")
+    return re.sub(r"(?<![\w-])--(?=[a-z])", "", value)

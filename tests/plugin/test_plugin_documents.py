@@ -1,0 +1,102 @@
+"""Whatever passes the check of a saved document can be listed, shown and exported."""
+
+import copy
+import importlib
+import json
+import random
+import sys
+import types
+from pathlib import Path
+
+import pytest
+from visitors import ROUND
+
+from quantify_client import measure, to_json
+from quantify_client.report.layers import map_layers
+from quantify_client.report.saved import exported
+
+PLUGIN = Path(__file__).parents[2] / "plugin"
+VALUES = [
+    *(0, -0.0, 1, -1, 0.5, 1e15, -1e15, 1e-300, 1e-9, 10**15, 10**16, 1e300, None, True),
+    *("", "x", "\u202e<b>", "=1+1", "scale", "distance", [], {}, [None]),
+]
+
+
+@pytest.fixture(scope="module")
+def documents():
+    """The plugin's module, without WebODM."""
+    package = types.ModuleType("volcalc_alone")
+    package.__path__ = [str(PLUGIN)]
+    sys.modules["volcalc_alone"] = package
+    yield importlib.import_module("volcalc_alone.documents")
+    for name in [name for name in sys.modules if name.startswith("volcalc_alone")]:
+        del sys.modules[name]
+
+
+CONTROL = """
+unit: m
+points: {A: {lat: 46.84237, lon: -91.99386, accuracy: 3.0, elevation: 160.8,
+             elevation_accuracy: 0.05}, B: {lat: 46.8425, lon: -91.994, accuracy: 3.0}}
+distances: [{from: A, to: B, length: 18.2, accuracy: 0.02}]
+cloud: {A: {xyz: [576716.8, 5188138.9, 160.8], accuracy: 0.05},
+        B: {xyz: [576705.9, 5188153.2, 161.2], accuracy: 0.05}}
+"""
+
+
+@pytest.fixture(scope="module")
+def document(pytestconfig, tmp_path_factory):
+    cloud = pytestconfig.rootpath / "quantify_client" / "demo" / "brighton_beach.laz"
+    control = tmp_path_factory.mktemp("control") / "control.yaml"
+    control.write_text(CONTROL)
+    found = measure(cloud, area=ROUND, base="compare", gcp=control, scale_mode="scale", slices=6)
+    made = {
+        "schema": "volcalc-measurement/1",
+        "id": "0" * 32,
+        "name": "Pile 1",
+        "date": "2024-05-01T10:00:00Z",
+        "task": "t",
+        "project": 1,
+        "area": {"type": "FeatureCollection", "features": [ROUND]},
+        "options": {"base": "compare", "slices": 6},
+        "source": "laz",
+        "measurement": to_json(found),
+        "layers": map_layers(found),
+    }
+    return json.loads(json.dumps(made))
+
+
+def places(node, path=()):
+    """Yield the way to every value."""
+    inner = node.items() if isinstance(node, dict) else enumerate(node[:4])
+    for key, value in inner:
+        yield (*path, key)
+        if isinstance(value, (dict, list)):
+            yield from places(value, (*path, key))
+
+
+def test_what_was_made_passes_the_check(documents, document):
+    found = documents.checked_document(copy.deepcopy(document))
+    assert found["measurement"] == document["measurement"]
+    assert found["layers"] == document["layers"]
+
+
+def test_what_passes_the_check_can_be_shown(documents, document):
+    chance = random.Random(5)
+    everywhere = list(places(document))
+    shown = 0
+    for _ in range(250):
+        changed = copy.deepcopy(document)
+        *way, last = chance.choice(everywhere)
+        node = changed
+        for key in way:
+            node = node[key]
+        node[last] = copy.deepcopy(chance.choice(VALUES))
+        try:
+            checked = documents.checked_document(changed)
+        except documents.MisshapenError:
+            continue
+        shown += 1
+        json.dumps(documents.summary_of(checked), allow_nan=False)
+        for kind in ("csv", "geojson", "html"):
+            exported(checked, kind, chance.choice(["metric", "us"])).encode()
+    assert shown > 20

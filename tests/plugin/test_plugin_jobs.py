@@ -1,0 +1,158 @@
+"""Jobs: the function as WebODM runs it, workers that die, cancelling, limits."""
+
+import ast
+import importlib.util
+import json
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from visitors import API, ROUND
+
+PLUGIN = Path(__file__).parents[2] / "plugin"
+
+
+@pytest.fixture(scope="module")
+def store():
+    """The plugin's module of files, which needs nothing of WebODM."""
+    spec = importlib.util.spec_from_file_location("volcalc_store", PLUGIN / "store.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_module_of_the_function_holds_nothing_else():
+    """WebODM runs its text in an empty namespace: no helper, decorator or annotation can count."""
+    tree = ast.parse((PLUGIN / "job.py").read_text())
+    (function,) = (node for node in tree.body if not isinstance(node, ast.Expr))
+    assert isinstance(function, ast.FunctionDef)
+    assert function.decorator_list == []
+    assert function.returns is None
+    assert all(argument.annotation is None for argument in function.args.args)
+
+
+def test_function_never_raises_and_returns_a_reference(tmp_path, monkeypatch):
+    namespace = {}
+    exec(compile((PLUGIN / "job.py").read_text(), "file", "exec"), namespace)  # noqa: S102
+    monkeypatch.setitem(sys.modules, "app.plugins.functions", None)  # an import that fails
+    (tmp_path / "j").mkdir()
+    assert namespace["run_job"]("plugins.volcalc", str(tmp_path), "j") == {"output": {"job": "j"}}
+    state = json.loads((tmp_path / "j" / "state.json").read_text())
+    assert state["state"] == "failed"
+    assert str(tmp_path) not in state["error"]
+    assert namespace["run_job"]("plugins.volcalc", str(tmp_path), "absent")["output"]
+
+
+def test_states_follow_heartbeat_and_marker(store, tmp_path):
+    folder = store.new_job(tmp_path, {"task": "t", "user": 1})
+    assert folder.state()["state"] == "queued"
+    assert folder.state(now=time.time() + 10**7)["state"] == "queued"
+    folder.say(state="running", beat=100.0, started=90.0, stage="reading points", percent=7.0)
+    running = folder.state(now=150.0)
+    assert (running["state"], running["seconds"], running["elapsed"]) == ("running", 50.0, 10.0)
+    assert (running["stage"], running["percent"]) == ("reading points", 7.0)
+    lost = folder.state(now=100.1 + store.LOST_S)
+    assert lost["state"] == "lost"
+    assert "start it again" in lost["error"]
+    assert [f.job for f in store.user_jobs(tmp_path, 1)] == []  # its heartbeat is of 1970
+    folder.cancel()
+    assert folder.state(now=100.0)["state"] == "cancelled"
+    folder.say(state="done", beat=160.0, started=90.0)
+    assert folder.state()["state"] == "done"
+
+
+def test_jobs_of_yesterday_are_removed(store, tmp_path, monkeypatch):
+    done, waits = (store.new_job(tmp_path, {"user": 1}) for _ in range(2))
+    done.say(state="done", beat=1.0, started=0.0)
+    (tmp_path / "something else").mkdir()
+    now = time.time()
+    monkeypatch.setattr(store.time, "time", lambda: now + 25 * 3600)
+    store.sweep(tmp_path)
+    assert not done.path.exists()
+    assert waits.path.exists()
+    monkeypatch.setattr(store.time, "time", lambda: now + 8 * 24 * 3600)
+    store.sweep(tmp_path)
+    assert not waits.path.exists()
+    assert (tmp_path / "something else").exists()
+
+
+def test_link_among_the_saved_is_not_followed(store, tmp_path):
+    secret = tmp_path / "secret"
+    secret.write_text("x")
+    (tmp_path / "link").symlink_to(secret)
+    with pytest.raises(store.UnreadableError):
+        store.read_capped(tmp_path / "link")
+    with pytest.raises(store.UnreadableError):
+        store.read_capped(secret, most=0)
+
+
+def running_job(host, task):
+    """Start a job and have the worker stand still in the middle of it."""
+    for _ in range(8):
+        job = host.owner.post(f"{API}/{task}/jobs", {"area": "whole"}).json["job"]
+        host.owner.wait(task, job, "running", "done")
+        host.owner.post("/test/worker/stop")
+        if host.owner.get(f"{API}/{task}/jobs/{job}").json["state"] == "running":
+            return job
+        host.owner.post("/test/worker/go")
+    raise AssertionError("the worker is too quick to be stopped")
+
+
+@pytest.fixture
+def working(host):
+    yield
+    host.owner.post("/test/worker/go")
+
+
+def test_killed_worker_is_told_as_lost(host, working):
+    task = host.tasks["Mine"]
+    job = running_job(host, task)
+    host.owner.post("/test/worker/kill")
+    path = host.jobs / job / "state.json"
+    state = json.loads(path.read_text())
+    path.write_text(json.dumps({**state, "beat": state["beat"] - 61}))  # a minute later
+    found = host.owner.get(f"{API}/{task}/jobs/{job}").json
+    assert found["state"] == "lost"
+    assert found["seconds"] > 60
+    assert "start it again" in found["error"]
+    assert host.owner.get(f"{API}/{task}/jobs/{job}/result").status == 409
+    assert host.owner.measured(task)  # by the next worker
+
+
+def test_running_job_is_cancelled_and_its_worker_stopped(host, working):
+    task = host.tasks["Mine"]
+    job = running_job(host, task)
+    assert host.viewer.ask("DELETE", f"{API}/{task}/jobs/{job}").status == 404
+    found = host.owner.ask("DELETE", f"{API}/{task}/jobs/{job}")
+    assert (found.status, found.json) == (200, {"job": job, "state": "cancelled"})
+    host.owner.post("/test/worker/go")
+    assert host.owner.measured(task)  # by the next worker
+    assert host.owner.get(f"{API}/{task}/jobs/{job}").json["state"] == "cancelled"
+    assert not (host.jobs / job / "result.json").exists()
+
+
+def test_waiting_jobs_are_limited_listed_and_cancelled(host, working):
+    task = host.tasks["Mine"]
+    host.owner.post("/test/worker/stop")
+    jobs = [host.owner.post(f"{API}/{task}/jobs", {"area": ROUND}).json["job"] for _ in range(2)]
+    third = host.owner.post(f"{API}/{task}/jobs", {"area": ROUND})
+    assert third.status == 429
+    assert "cancel" in third.error
+    listed = host.owner.get(f"{API}/{task}/").json["jobs"]
+    assert {row["job"] for row in listed} == set(jobs)
+    assert {row["state"] for row in listed} == {"queued"}
+    for job in jobs:
+        state = host.owner.ask("DELETE", f"{API}/{task}/jobs/{job}").json["state"]
+        assert state == "cancelled"
+    assert host.owner.get(f"{API}/{task}/").json["jobs"] == []
+    host.owner.post("/test/worker/go")
+    assert host.owner.measured(task)
+    assert [host.owner.get(f"{API}/{task}/jobs/{job}").json["state"] for job in jobs] == [
+        "cancelled"
+    ] * 2
+
+
+def test_job_that_is_done_stays_done(host, beach_task, kept):
+    found = host.owner.ask("DELETE", f"{API}/{beach_task}/jobs/{kept['id']}")
+    assert found.json["state"] == "done"

@@ -1,0 +1,236 @@
+"""The zip: what is in it, that it is the same every time, and that WebODM can load it."""
+
+import ast
+import hashlib
+import json
+import re
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from quantify_client import plugin_build
+from quantify_client.plugin_build import build_plugin
+
+ROOT = Path(__file__).parents[2]
+WEBODM = {"app", "django", "rest_framework", "worker", "webodm", "numpy"}  # its own packages
+MEASURED = """
+import importlib, sys
+
+class Absent:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {absent}:
+            raise ModuleNotFoundError(name)
+
+sys.meta_path.insert(0, Absent())
+sys.path[:0] = {paths}
+"""
+
+
+@pytest.fixture(scope="module")
+def archive(tmp_path_factory):
+    return build_plugin(tmp_path_factory.mktemp("zip"))
+
+
+@pytest.fixture(scope="module")
+def unpacked(archive, tmp_path_factory):
+    """The plugin under another package's name, as WebODM has it."""
+    folder = tmp_path_factory.mktemp("media")
+    (folder / "plugins").mkdir()
+    (folder / "plugins" / "__init__.py").touch()
+    with zipfile.ZipFile(archive) as packed:
+        packed.extractall(folder / "plugins")
+    return folder
+
+
+def test_installed_package_builds_the_same_zip(archive, tmp_path):
+    """From a plain pip install the plugin's files come with the package."""
+    setuptools = pytest.importorskip("setuptools")
+    if int(setuptools.__version__.partition(".")[0]) < 64:
+        pytest.skip("this setuptools reads no pyproject.toml")
+    command = ["setup.py", "-q", "egg_info", "--egg-base", str(tmp_path), "build_py"]
+    build = [sys.executable, *command, "--build-lib", str(tmp_path / "lib")]
+    subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
+    code = "from quantify_client.plugin_build import build_plugin; from pathlib import Path;"
+    code += f"build_plugin(Path({str(tmp_path)!r}))"
+    subprocess.run(
+        [
+            sys.executable,
+            "-I",
+            "-c",
+            f"import sys; sys.path.insert(0, {str(tmp_path / 'lib')!r}); {code}",
+        ],
+        check=True,
+    )
+    assert (tmp_path / "lib" / "quantify_client" / "plugin_files").is_dir()
+    assert (tmp_path / "volcalc.zip").read_bytes() == archive.read_bytes()
+
+
+def names(archive):
+    with zipfile.ZipFile(archive) as packed:
+        return packed.namelist()
+
+
+def test_zip_is_the_same_every_time(archive, tmp_path):
+    again = build_plugin(tmp_path / "again.zip")
+    assert again == tmp_path / "again.zip"
+    assert again.read_bytes() == archive.read_bytes()
+    assert [path.name for path in tmp_path.iterdir()] == ["again.zip"]
+
+
+def test_zip_has_one_folder_with_what_webodm_needs_and_no_sources_of_the_panel(archive):
+    found = names(archive)
+    assert archive.name == "volcalc.zip"
+    assert {name.partition("/")[0] for name in found} == {"volcalc"}
+    inner = {name.partition("/")[2] for name in found}
+    assert inner >= {"__init__.py", "plugin.py", "manifest.json", "requirements.txt", "job.py"}
+    assert inner >= {"quantify_client/pipeline/run.py", "quantify_client/report/report.css"}
+    bad = re.compile(r"(^|/)(panel|node_modules|__pycache__|demo|tests|\.[^/]*)(/|$)|\.laz$")
+    assert [name for name in inner if bad.search(name)] == []
+    assert "public/package.json" not in inner  # WebODM would run npm
+    assert "public/webpack.config.js" not in inner
+
+
+def test_manifest_and_package_have_one_version(archive):
+    with zipfile.ZipFile(archive) as packed:
+        manifest = json.loads(packed.read("volcalc/manifest.json"))
+        version = packed.read("volcalc/quantify_client/VERSION").decode().strip()
+    project = (ROOT / "pyproject.toml").read_text()
+    assert f'version = "{manifest["version"]}"' in project
+    assert version == manifest["version"]
+
+
+def test_requirements_are_spelt_as_pip_freeze_spells_them():
+    """WebODM compares the names letter by letter, and installs at every start when one differs."""
+    lines = (ROOT / "plugin" / "requirements.txt").read_text().splitlines()
+    frozen = subprocess.run(
+        [sys.executable, "-m", "pip", "freeze", "--all"], capture_output=True, text=True, check=True
+    ).stdout
+    installed = {line.split("==")[0] for line in frozen.split()}
+    asked = [re.split("==|<=|>=|<|>", line)[0] for line in lines]
+    assert set(asked) <= installed
+    assert all(re.fullmatch(r"[A-Za-z]+(==|>=)[\d.]+(,<\d+)?", line) for line in lines)
+    assert "numpy==1.26.2" in lines
+
+
+def test_nothing_but_webodms_own_is_imported_when_the_plugin_loads():
+    """The requirements are installed after that, and else never."""
+    seen, waiting = set(), ["__init__"]
+    while waiting:
+        name = waiting.pop()
+        seen.add(name)
+        tree = ast.parse((ROOT / "plugin" / f"{name}.py").read_text())
+        for node in tree.body:  # at the top of the module, not within functions
+            if isinstance(node, ast.Import):
+                roots = {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.level:
+                inner = [node.module] if node.module else [alias.name for alias in node.names]
+                waiting += [module for module in inner if module not in seen]
+                continue
+            elif isinstance(node, ast.ImportFrom):
+                roots = {node.module.partition(".")[0]}
+            else:
+                continue
+            standard = (
+                {"__future__", *sys.stdlib_module_names}
+                if hasattr(sys, "stdlib_module_names")
+                else STANDARD
+            )
+            assert roots <= WEBODM | set(standard), name
+    assert seen >= {"__init__", "plugin", "api", "starting", "job"}
+    assert not any(name.startswith("quantify_client") or name == "work" for name in seen)
+
+
+STANDARD = {
+    *("base64", "binascii", "hashlib", "importlib", "json", "math", "os", "pathlib", "re"),
+    *("shutil", "time", "unicodedata", "uuid"),
+}
+
+
+def run(code, absent, *paths):
+    text = MEASURED.format(absent=set(absent), paths=[str(path) for path in paths]) + code
+    done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_measuring_and_its_layers_need_no_drawing_terminal_or_server_packages(unpacked):
+    """In WebODM's worker, under the plugin's own package name."""
+    (unpacked / "plugins" / "volcalc" / "__init__.py").write_text("")  # without WebODM
+    cloud = ROOT / "quantify_client" / "demo" / "brighton_beach.laz"
+    areas = ROOT / "quantify_client" / "demo" / "areas.geojson"
+    code = (
+        "from plugins.volcalc.quantify_client.pipeline import measure\n"
+        "from plugins.volcalc.quantify_client.pipeline import clicked\n"
+        "from plugins.volcalc.quantify_client.report.jsonout import to_json\n"
+        "from plugins.volcalc.quantify_client.report.layers import map_layers\n"
+        f"found = measure({str(cloud)!r}, area={str(areas)!r})\n"
+        "assert map_layers(found)[0]['relief'], found\n"
+        "print(to_json(found)['provenance']['version'])\n"
+        "assert 'quantify_client' not in sys.modules\n"
+    )
+    absent = ("matplotlib", "rich", "requests", "pyodm", "PIL", "pyogrio", "quantify_client")
+    assert run(code, absent, unpacked) == "0.1.0\n"
+
+
+def test_exports_need_nothing_that_webodm_has_not(unpacked):
+    (unpacked / "plugins" / "volcalc" / "__init__.py").write_text("")
+    code = "import plugins.volcalc.quantify_client.report.saved\n"
+    absent = ("shapely", "laspy", "pyproj", "yaml", "scipy", "matplotlib", "rich", "PIL")
+    run(code, absent, unpacked)
+
+
+def test_offline_zip_holds_packages_and_the_mark_that_they_are_there(monkeypatch, tmp_path):
+    """Without a network: pip is played."""
+    asked = []
+
+    def pip(command, **kwargs):
+        asked.extend(command)
+        folder = Path(command[command.index("--target") + 1])
+        for name in ("laspy/jobs/demo.py", "laspy/__pycache__/x.pyc", "bin/laspy"):
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_text("x")
+        return subprocess.CompletedProcess(command, 0, "", "")
+
+    monkeypatch.setattr(plugin_build.subprocess, "run", pip)
+    archive = build_plugin(tmp_path, offline=True)
+    assert archive.name == "volcalc-offline.zip"
+    packages = {n for n in names(archive) if n.startswith("volcalc/site-packages/")}
+    assert packages == {
+        "volcalc/site-packages/laspy/jobs/demo.py",
+        "volcalc/site-packages/install_md5",
+    }
+    with zipfile.ZipFile(archive) as packed:
+        mark = packed.read("volcalc/site-packages/install_md5").decode()
+        wanted = hashlib.md5(packed.read("volcalc/requirements.txt")).hexdigest()  # noqa: S324
+    assert mark == wanted
+    assert {"3.9", "cp39", ":all:", "--no-deps"} <= set(asked)
+    assert not any(word.startswith("numpy") for word in asked)
+
+
+def test_pip_that_fails_is_told(monkeypatch, tmp_path):
+    def pip(command, **kwargs):
+        return subprocess.CompletedProcess(command, 1, "", "trouble\nno network\n")
+
+    monkeypatch.setattr(plugin_build.subprocess, "run", pip)
+    with pytest.raises(plugin_build.OutputError, match=r"no network.*internet|network connection"):
+        build_plugin(tmp_path, offline=True)
+
+
+def test_folder_that_cannot_be_written_is_told(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(plugin_build.OutputError, match="cannot be written"):
+        build_plugin(tmp_path / "file" / "out")
+
+
+def test_zip_without_the_built_panel_is_refused(monkeypatch, tmp_path):
+    """WebODM would load it and show nothing."""
+    (tmp_path / "plugin").mkdir()
+    (tmp_path / "manifest.json").write_text("{}")
+    monkeypatch.setattr(
+        plugin_build, "_sources", lambda: (tmp_path / "manifest.json", tmp_path / "plugin")
+    )
+    with pytest.raises(plugin_build.OutputError, match=r"public/main\.js is missing"):
+        build_plugin(tmp_path)
