@@ -21,6 +21,7 @@ from .base import naming
 AGAIN = "expected a complete EPT set: copy or export the folder again"
 _MAX_JSON = 64 << 20  # bytes
 _MAX_LEVEL = 60
+_MAX_TILES = 4_000_000  # a hundred billion points have half of that
 _MAX_PARTS = 20_000  # files of a hierarchy that is fetched
 _TILE_HEAD = 1 << 20  # bytes of a tile beside its points
 _POINT_BYTES = 256  # at most, of one point
@@ -98,14 +99,15 @@ def read_index(source: Path, fetch: Optional[Fetch] = None) -> EptIndex:
                 f"{source}: its tiles are of type {data_type[:40]!r}; expected laszip (or "
                 "binary): convert the set, or give the LAZ file it was made from"
             )
-        tiles = _hierarchy(root, fetch)
+        promised = int(about["points"])
+        tiles = _hierarchy(root, promised, fetch)
         index = EptIndex(
             source=source,
             root=root,
             data_type=data_type,
             cube=_box(source, about["bounds"]),
             conforming=_box(source, about.get("boundsConforming", about["bounds"])),
-            count=int(about["points"]),
+            count=promised,
             tiles=tiles,
             schema=tuple(about["schema"]),
             crs=_crs(about.get("srs")),
@@ -138,14 +140,20 @@ def _json(path: Path) -> Dict[str, Any]:
     return content
 
 
-def _hierarchy(root: Path, fetch: Optional[Fetch]) -> Dict[str, int]:
-    """Points per tile; a count of -1 says that a file of the tile's name goes on from there."""
+def _hierarchy(root: Path, promised: int, fetch: Optional[Fetch]) -> Dict[str, int]:
+    """Points per tile; a count of -1 says that a file of the tile's name goes on from there.
+
+    What holds more than it promises is given up at once: it might never end.
+    """
     tiles: Dict[str, int] = {}
+    held = 0
     waiting: List[str] = ["0-0-0-0"]
     seen = set()
     new = list(waiting)
     while waiting:
         if fetch is not None and new:
+            if len(seen) + len(waiting) > _MAX_PARTS:
+                raise CloudError(f"{root}: its index has more than {_MAX_PARTS} parts; {AGAIN}")
             fetch({_part(name): _MAX_JSON for name in new})
             new = []
         name = waiting.pop()
@@ -153,8 +161,6 @@ def _hierarchy(root: Path, fetch: Optional[Fetch]) -> Dict[str, int]:
             continue
         seen.add(name)
         path = _inside(root, _part(name))
-        if fetch is not None and len(seen) > _MAX_PARTS:
-            raise CloudError(f"{path}: is one of more than {_MAX_PARTS} parts of an index; {AGAIN}")
         for key, count in _json(path).items():
             if not _is_key(key) or not isinstance(count, int) or count < -1:
                 raise CloudError(
@@ -165,7 +171,13 @@ def _hierarchy(root: Path, fetch: Optional[Fetch]) -> Dict[str, int]:
                 waiting.append(key)
                 new.append(key)
             elif count:
+                held += count
                 tiles[key] = count
+        if held > promised or len(tiles) > _MAX_TILES:
+            raise CloudError(
+                f"{path}: brings the index to {len(tiles)} tiles with {held} points; ept.json "
+                f"promises {promised}, and {_MAX_TILES} tiles are read at most; {AGAIN}"
+            )
     return tiles
 
 

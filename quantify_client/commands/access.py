@@ -9,6 +9,7 @@ from typing import Optional
 
 from ..errors import InputError, UsageError
 from ..sfm.access import Access
+from ..sfm.outputs import is_address
 from ..small_files import read_small
 
 __all__ = ["access_of", "node_token", "token_of"]
@@ -27,14 +28,21 @@ def token_of(given: argparse.Namespace) -> Optional[str]:
 
 
 def node_token(given: argparse.Namespace) -> Optional[str]:
-    """Return the token of a node; what is given on the command line wins."""
-    return token_of(given) or os.environ.get(NODE_TOKEN, "").strip() or None
+    """Return the token of a node; what is given on the command line wins, in the URL it is last."""
+    from ..sfm.node import split_token  # with pyodm, which measuring does without
+
+    apart = token_of(given) or os.environ.get(NODE_TOKEN, "").strip() or None
+    return split_token(getattr(given, "node", None) or "", apart)[1]
 
 
 def access_of(given: argparse.Namespace) -> Access:
-    """Return how to get into a WebODM server: a token that is given, else the environment's."""
+    """Return how to get into a WebODM server: a token that is given, else the environment's.
+
+    Where no source is on a server the environment is left alone, mistakes in it too.
+    """
     token = token_of(given)
-    found = Access() if token else Access.from_environment()
+    asked = "sources" not in given or any(is_address(source) for source in given.sources)
+    found = Access.from_environment() if asked and not token else Access()
     return Access(
         user=found.user,
         password=found.password,

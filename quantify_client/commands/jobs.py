@@ -14,12 +14,13 @@ from ..areas import require_polygons
 from ..choices import check_options, choose_shape
 from ..errors import JobError, QuantifyError, UsageError
 from ..jobs import Pace, Plan, cancel_job, create_job, plan_job, run_job
-from ..jobs.create import GCP_NAME
-from ..jobs.journal import ARCHIVE, DONE, JOURNAL, load
+from ..jobs.create import require_free
+from ..jobs.journal import ARCHIVE, DONE, GCP_NAME, JOURNAL, WEBODM, load
 from ..pipeline import measure
 from ..pipeline.sending import ControlPlan, plan_control
 from ..report import require_writable
 from ..report.words import printable
+from ..sfm.access import Access
 from ..types import Options
 from .access import access_of, node_token
 from .job_display import shown_job
@@ -39,13 +40,13 @@ def submit(given: argparse.Namespace) -> int:
     options = _checked_options(given)
     with tempfile.TemporaryDirectory(prefix="quantify-") as scratch:
         plan, control = _plan(given, Path(scratch) / GCP_NAME)
+        if control is not None and not control.applied:
+            _leave_out_control(options)
         lines = _said(plan, control, options)
         if given.dry_run:
             return _show_plan(plan, lines, given)
         for line in lines:
             say(line)
-        if control is not None and not control.applied:
-            options["gcp"] = None
         create_job(plan, given.out, {"options": options, "units": given.units})
     return _go_on(given.out, given)
 
@@ -56,8 +57,9 @@ def resume(given: argparse.Namespace) -> int:
     if given.cancel:
         if given.resubmit:
             raise UsageError("--cancel and --resubmit exclude each other: give one of them")
-        token, access = node_token(given), access_of(given)
-        print(printable(cancel_job(folder, token, access=access)))
+        said = cancel_job(folder, node_token(given), access=_access(folder, given))
+        document = {"schema": "quantify-client/1", "state": load(folder).state, "said": said}
+        print(json.dumps(document, indent=2) if given.json else printable(said))
         return 0
     given.units = load(folder).then.get("units", "metric")
     return _go_on(folder, given)
@@ -71,13 +73,18 @@ def _go_on(folder: Path, given: argparse.Namespace) -> int:
         archive = run_job(
             folder,
             node_token(given),
-            access=access_of(given),
+            access=_access(folder, given),
             report=report,
             patience_h=given.patience,
             resubmit=given.resubmit,
             pace=PACE,
         )
     return _measure(folder, archive, given)
+
+
+def _access(folder: Path, given: argparse.Namespace) -> Optional[Access]:
+    """Return who asks a WebODM server, where the job is on one."""
+    return access_of(given) if load(folder).kind == WEBODM else None
 
 
 def _measure(folder: Path, archive: Path, given: argparse.Namespace) -> int:
@@ -130,8 +137,9 @@ def _show_finished(folder: Path, found: Mapping[str, Any], given: argparse.Names
     else:
         print(f"The job is finished. Report: {printable(folder / _REPORT / 'report.html')}")
     failed = [row for row in found.get("results", []) if row.get("error")]
+    again = f"'quantify-client volume {folder / ARCHIVE} --area FILE' measures other areas"
     for row in failed:
-        complain(f"{row['name']}: {row['error']}", 1)
+        complain(f"{row['name']}: {row['error']}; {again}", 1)
     return 1 if failed else 0
 
 
@@ -141,16 +149,22 @@ def _checked_options(given: argparse.Namespace) -> Dict[str, Any]:
     choose_shape(check_options(Options(**options)), has_crs=True, is_odm=True)
     if given.area is not None:
         require_polygons(given.area)
-    if (given.out / JOURNAL).exists():
-        raise JobError(
-            f"{given.out}: holds a job already; 'quantify-client resume {given.out}' goes on with "
-            "it, another --out begins a new one"
-        )
+    require_free(given.out)
     require_writable(given.out)
     for name in _FILES:
         if options[name] is not None:
             options[name] = str(Path(options[name]).resolve())
     return options
+
+
+def _leave_out_control(options: Dict[str, Any]) -> None:
+    """Measure without a control file that only the server has a use for."""
+    gcp, options["gcp"] = options["gcp"], None
+    if options["scale_mode"] != "auto" or options["area_frame"] != "cloud":
+        raise UsageError(
+            f"{gcp}: is for the server alone, as it holds no lengths; leave --scale-mode and "
+            "--area-frame out"
+        )
 
 
 def _plan(given: argparse.Namespace, scratch: Path) -> Tuple[Plan, Optional[ControlPlan]]:

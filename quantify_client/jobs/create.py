@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import filecmp
 import shutil
 import uuid
 from dataclasses import dataclass, field
@@ -15,13 +16,23 @@ from ..sfm.patience import Patience
 from ..sfm.photos import PhotoSummary, check_photos
 from ..sfm.presets import MINIMAL_OUTPUTS, choose_options
 from .events import JobEvent, Report, silent
-from .journal import JOURNAL, NODE, READY, WEBODM, Job, SentFile, locked, save
+from .journal import (
+    ARCHIVE,
+    GCP_NAME,
+    JOURNAL,
+    NODE,
+    READY,
+    WEBODM,
+    Job,
+    SentFile,
+    locked,
+    save,
+)
 from .servers import connect
 
-__all__ = ["Plan", "create_job", "plan_job"]
+__all__ = ["Plan", "create_job", "plan_job", "require_free"]
 
 FIRST_CONTACT_S = 5.0  # whoever starts a job is still there to correct the URL
-GCP_NAME = "gcp_list.txt"
 
 
 @dataclass(frozen=True)
@@ -143,11 +154,7 @@ def create_job(plan: Plan, folder: Path, then: Optional[Mapping[str, Any]] = Non
     except OSError as error:
         raise OutputError(f"{folder}: cannot be made ({error.strerror or error})") from error
     with locked(folder):
-        if (folder / JOURNAL).exists():
-            raise JobError(
-                f"{folder}: holds a job already; 'quantify-client resume {folder}' goes on with "
-                "it, another --out begins a new one"
-            )
+        require_free(folder)
         files = [
             SentFile(photo.name, str(photo.path.resolve()), photo.size, photo.mtime_ns)
             for photo in plan.photos.photos
@@ -170,9 +177,28 @@ def create_job(plan: Plan, folder: Path, then: Optional[Mapping[str, Any]] = Non
         return save(folder, job, state=READY)
 
 
+def require_free(folder: Path) -> None:
+    """Raise JobError when a folder holds a job, or what a job's result would replace."""
+    if (folder / JOURNAL).exists():
+        raise JobError(
+            f"{folder}: holds a job already; 'quantify-client resume {folder}' goes on with "
+            "it, another --out begins a new one"
+        )
+    if (folder / ARCHIVE).exists():
+        raise JobError(
+            f"{folder}: holds an {ARCHIVE} already, which the job's would replace; give another "
+            "--out"
+        )
+
+
 def _kept_control(gcp: Path, folder: Path) -> SentFile:
     """Keep a copy in the job's folder: what is sent is that, whatever becomes of the original."""
     kept = folder / GCP_NAME
+    if kept.exists() and not filecmp.cmp(gcp, kept, shallow=False):
+        raise JobError(
+            f"{folder}: holds another {GCP_NAME}, which the one that is sent would replace; give "
+            "another --out"
+        )
     try:
         shutil.copyfile(gcp, kept)
     except shutil.SameFileError:

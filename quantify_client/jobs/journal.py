@@ -23,6 +23,7 @@ __all__ = ["NODE", "WEBODM", "Job", "SentFile", "SentLog", "load", "locked", "sa
 SCHEMA = "quantify-job/1"
 NODE, WEBODM = "node", "webodm"
 JOURNAL, LOCK, ARCHIVE, SEED = "job.json", "job.lock", "all.zip", "seed.zip"
+GCP_NAME = "gcp_list.txt"  # the copy of the control that is sent
 READY, UPLOADING, COMMITTING, WAITING, FETCHING, DONE, CANCELLED, SPOILED = (
     *("ready", "uploading", "committing", "waiting", "fetching", "done", "cancelled", "spoiled"),
 )
@@ -93,7 +94,7 @@ def load(folder: Path) -> Job:
             raise ValueError
         if (document.get("kind", NODE) == NODE) != (document.get("project") is None):
             raise ValueError
-        files = tuple(SentFile(**item) for item in document.pop("files"))
+        files = tuple(_placed(SentFile(**item), folder) for item in document.pop("files"))
         return Job(files=files, outputs=tuple(document.pop("outputs")), **document)
     except FileNotFoundError:
         raise JobError(f"{folder}: holds no job; expected the --out folder of a submit") from None
@@ -103,6 +104,11 @@ def load(folder: Path) -> Job:
         raise JobError(
             f"{path}: is no journal of this program, or of a newer one; submit again elsewhere"
         ) from None
+
+
+def _placed(file: SentFile, folder: Path) -> SentFile:
+    """Look for our own copy of the control in the job's folder, wherever that has been moved to."""
+    return replace(file, path=str((folder / GCP_NAME).resolve())) if file.name == GCP_NAME else file
 
 
 def save(folder: Path, job: Job, **changes: Any) -> Job:

@@ -23,6 +23,7 @@ from .journal import (
     DONE,
     FETCHING,
     READY,
+    SEED,
     SPOILED,
     UPLOADING,
     WAITING,
@@ -195,6 +196,8 @@ class _Run:
     def _begin(self) -> None:
         """Choose a UUID, write it down, then tell the node: the same again is harmless."""
         require_unchanged(self._job)
+        with suppress(OSError):
+            (self._folder / SEED).unlink()  # of an upload that was killed
         self._uploads += 1
         self._save(state=UPLOADING, uuid=str(uuid.uuid4()), attempt=self._job.attempt + 1)
 

@@ -11,7 +11,7 @@ import json
 import shutil
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, Mapping, Optional, Sequence
 from urllib.parse import parse_qsl, urlencode, urljoin, urlsplit, urlunsplit
@@ -93,7 +93,12 @@ class Server:
         return f"Server({self.url!r})"
 
     def identify(self, headers: Mapping[str, str], secrets: Sequence[str]) -> None:
-        """Say from now on who asks, to this host only."""
+        """Say from now on who asks, to this host only; ServerError for what no header can hold."""
+        if not all(value.isascii() and value.isprintable() for value in headers.values()):
+            raise ServerError(
+                f"{self.name}: the token holds characters that no token has (a line's end, say); "
+                "look at where it comes from"
+            )
         new = [form for secret in secrets if secret for form in forms(secret)]
         self._secrets = [*self._secrets, *(form for form in new if form not in self._secrets)]
         mask_logs(new)
@@ -155,7 +160,7 @@ class Server:
                 raise ServerError(f"{self.name}: sent {plain(kind, 40)} where a file was expected")
             packed = response.headers.get("Content-Encoding", "identity") != "identity"
             length = response.headers.get("Content-Length", "")
-            total = int(length) if length.isdigit() and not packed else None
+            total = int(length) if length.isdecimal() and not packed else None
             self._require_room(part, total)
 
             def tell(done: int, of: Optional[int]) -> None:
@@ -193,10 +198,13 @@ class Server:
         return done
 
     def _require_room(self, part: Path, total: Optional[int]) -> None:
+        with suppress(OSError):  # what an earlier try left of it is of no use and takes room
+            part.unlink()
         free = shutil.disk_usage(part.parent).free
         if total is not None and total + SPARE_BYTES > free:
             raise OutputError(
-                f"{part}: needs {total / 1e9:.1f} GB, {free / 1e9:.1f} GB are free; {self._room}"
+                f"{part}: needs {(total + SPARE_BYTES) / 1e6:.0f} MB with some to spare, "
+                f"{free / 1e6:.0f} MB are free; {self._room}"
             )
 
     @contextmanager
@@ -213,7 +221,7 @@ class Server:
         url = self.url + path
         with requests.Session() as session:
             try:
-                response = self._send(session, method, url, query, dict(headers or {}), body)
+                response = self._sent(session, method, url, query, dict(headers or {}), body)
                 with response:
                     self._require_good(response)
                     yield response
@@ -223,6 +231,19 @@ class Server:
                 failure = OutageError(f"{self.name}: the connection broke ({type(error).__name__})")
         if failure is not None:  # raised here so that it has no context with the URL in it
             raise failure
+
+    def _sent(self, *request: Any) -> requests.Response:
+        """Send; what a server's nonsense makes of the libraries' parsers becomes our error."""
+        try:
+            return self._send(*request)
+        except (requests.RequestException, urllib3.exceptions.HTTPError):
+            raise
+        except ValueError:
+            pass
+        raise ServerError(
+            f"{self.name}: sends elsewhere, to an address that is none; check the URL, and what "
+            "stands between"
+        )
 
     def _send(
         self,

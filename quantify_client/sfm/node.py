@@ -20,6 +20,7 @@ Its transport is gone round, for these reasons (each has a test in ``tests/sfm/t
 from __future__ import annotations
 
 import json
+import math
 import re
 import zipfile
 from dataclasses import dataclass
@@ -215,7 +216,7 @@ class Node:
         failure = None
         try:
             return _state(found)
-        except (KeyError, TypeError, ValueError):
+        except (KeyError, TypeError, ValueError, OverflowError):
             failure = OutageError(f"{self.name}: says nothing that makes sense of task {uuid}")
         raise failure
 
@@ -345,6 +346,8 @@ def _state(found: Mapping[str, Any]) -> TaskState:
     status = TaskStatus(found["status"]["code"])
     processing = float(found["processingTime"]) if found.get("processingTime") is not None else -1.0
     progress = found.get("progress")
+    if not math.isfinite(processing) or not math.isfinite(float(progress or 0.0)):
+        raise ValueError
     # ClusterODM has no progress before it has handed the task on, and its count is of all files;
     # NodeODM counts all files too until it has unpacked them, when it is RUNNING without a time.
     counted = progress is not None and (status != TaskStatus.RUNNING or processing >= 0)

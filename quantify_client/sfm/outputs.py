@@ -25,7 +25,7 @@ from .layout import (
     read_sidecar,
 )
 
-__all__ = ["Source", "open_source"]
+__all__ = ["Source", "is_address", "open_source"]
 
 _URL = re.compile(r"^https?:/", re.IGNORECASE)
 _MODEL_STEM = "odm_georeferenced_model"
@@ -135,8 +135,13 @@ class _Located:
     stem: Optional[str] = None
 
 
+def is_address(given: Union[str, Path]) -> bool:
+    """Whether a source is on a server."""
+    return bool(_URL.match(str(given)))
+
+
 def _locate(given: str, stack: ExitStack, wanted: _Wanted) -> _Located:
-    if _URL.match(given):
+    if is_address(given):
         return _locate_task(given, stack, wanted)
     path = Path(given)
     with naming(path, "check the path"):

@@ -14,6 +14,7 @@ What differs, and what is made of it:
 
 from __future__ import annotations
 
+import math
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Callable, List, Mapping, Optional, Sequence
@@ -177,7 +178,7 @@ class WebODMTasks:
         failure = None
         try:
             return self._state(found)
-        except (KeyError, TypeError, ValueError):
+        except (KeyError, TypeError, ValueError, OverflowError):
             failure = OutageError(f"{self.name}: says nothing that makes sense of task {uuid}")
         raise failure
 
@@ -237,6 +238,8 @@ class WebODMTasks:
         sending = float(found.get("upload_progress") or 0.0)
         running = float(found.get("running_progress") or 0.0)
         elapsed = float(found.get("processing_time", -1))
+        if not all(map(math.isfinite, (sending, running, elapsed))):
+            raise ValueError
         if pending == _RESTART:  # the rest is still the last run's
             status, running, elapsed = TaskStatus.QUEUED, 0.0, -1.0
         note = ""
