@@ -1,12 +1,16 @@
 """What tests of the command line share: a pile, its outline, and what they look at."""
 
 import json
+from pathlib import Path
 
 from shapely.geometry import mapping
 from terrains import cone, flat
 
+import quantify_client
+
 PILE = cone(radius=8.0, top=4.0).on(flat)
 UTM = "EPSG:32615"
+SCHEMA = json.loads((Path(quantify_client.__file__).parent / "report/schema.json").read_text())
 
 
 def features(*polygons, names=(), crs=UTM):

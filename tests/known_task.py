@@ -88,7 +88,7 @@ def packed(project: Path) -> bytes:
 
 def _lonlat(xy: np.ndarray) -> np.ndarray:
     to = pyproj.Transformer.from_crs(UTM, 4326, always_xy=True)
-    return np.column_stack(to.transform(*xy.T))
+    return np.column_stack(to.transform(*xy.T.tolist()))  # pyproj 3.6 warns of arrays of one
 
 
 def places(count: int = 8) -> np.ndarray:

@@ -15,7 +15,7 @@ import time
 
 import jsonschema
 import pytest
-from conftest import SCHEMA
+from commands import SCHEMA
 from known_task import VOLUME_M3, control_of, make_task, places
 from nodeodm import TOKEN, NodeODM
 from photographs import photograph

@@ -12,7 +12,7 @@ import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
+from typing import Any, Callable, Dict, List, Mapping, Optional, Set, Tuple
 
 from ..errors import CloudError
 from ..types import Bounds
@@ -148,7 +148,7 @@ def _hierarchy(root: Path, promised: int, fetch: Optional[Fetch]) -> Dict[str, i
     tiles: Dict[str, int] = {}
     held = 0
     waiting: List[str] = ["0-0-0-0"]
-    seen = set()
+    seen: Set[str] = set()
     new = list(waiting)
     while waiting:
         if fetch is not None and new:

@@ -15,7 +15,7 @@ from ..choices import check_options, choose_shape
 from ..errors import JobError, QuantifyError, UsageError
 from ..jobs import Pace, Plan, cancel_job, create_job, plan_job, run_job
 from ..jobs.create import require_free
-from ..jobs.journal import ARCHIVE, DONE, GCP_NAME, JOURNAL, WEBODM, load
+from ..jobs.journal import ARCHIVE, DONE, GCP_NAME, JOURNAL, WEBODM, load, resuming
 from ..pipeline import measure
 from ..pipeline.sending import ControlPlan, plan_control
 from ..report import require_writable
@@ -91,7 +91,7 @@ def _measure(folder: Path, archive: Path, given: argparse.Namespace) -> int:
     """Scale, measure and report; the result that was fetched stays whatever happens here."""
     options = _kept_options(folder)
     hint = (
-        f"the server's result is safe in {archive}: 'quantify-client resume {folder}' measures "
+        f"the server's result is safe in {archive}: {resuming(folder)} measures "
         "again once that is mended, 'quantify-client volume' with other options"
     )
     failure: Optional[QuantifyError] = None
@@ -102,9 +102,7 @@ def _measure(folder: Path, archive: Path, given: argparse.Namespace) -> int:
     except QuantifyError as error:
         failure = error
     except KeyboardInterrupt:
-        raise KeyboardInterrupt(
-            f"interrupted; 'quantify-client resume {folder}' goes on from here"
-        ) from None
+        raise KeyboardInterrupt(f"interrupted; {resuming(folder)} goes on from here") from None
     raise type(failure)(f"{failure}; {hint}") from failure
 
 

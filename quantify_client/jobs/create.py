@@ -26,6 +26,7 @@ from .journal import (
     Job,
     SentFile,
     locked,
+    resuming,
     save,
 )
 from .servers import connect
@@ -181,8 +182,8 @@ def require_free(folder: Path) -> None:
     """Raise JobError when a folder holds a job, or what a job's result would replace."""
     if (folder / JOURNAL).exists():
         raise JobError(
-            f"{folder}: holds a job already; 'quantify-client resume {folder}' goes on with "
-            "it, another --out begins a new one"
+            f"{folder}: holds a job already; {resuming(folder)} goes on with it, another --out "
+            "begins a new one"
         )
     if (folder / ARCHIVE).exists():
         raise JobError(

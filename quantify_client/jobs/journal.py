@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import sys
 import threading
 from contextlib import contextmanager, suppress
@@ -18,7 +19,7 @@ from typing import Any, Dict, Iterator, Mapping, Optional, Set, Tuple
 
 from ..errors import JobError, OutputError
 
-__all__ = ["NODE", "WEBODM", "Job", "SentFile", "SentLog", "load", "locked", "save"]
+__all__ = ["NODE", "WEBODM", "Job", "SentFile", "SentLog", "load", "locked", "resuming", "save"]
 
 SCHEMA = "quantify-job/1"
 NODE, WEBODM = "node", "webodm"
@@ -109,6 +110,18 @@ def load(folder: Path) -> Job:
 def _placed(file: SentFile, folder: Path) -> SentFile:
     """Look for our own copy of the control in the job's folder, wherever that has been moved to."""
     return replace(file, path=str((folder / GCP_NAME).resolve())) if file.name == GCP_NAME else file
+
+
+def resuming(folder: Path, *options: str) -> str:
+    r"""Return the command that goes on with a job, as it can be pasted into a shell.
+
+    Examples
+    --------
+    >>> print(resuming(Path("job")), resuming(Path("my job"), "--cancel"))
+    'quantify-client resume job' "quantify-client resume 'my job' --cancel"
+    """
+    command = " ".join(("quantify-client resume", shlex.quote(str(folder)), *options))
+    return f'"{command}"' if "'" in command else f"'{command}'"
 
 
 def save(folder: Path, job: Job, **changes: Any) -> Job:

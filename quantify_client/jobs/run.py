@@ -30,6 +30,7 @@ from .journal import (
     Job,
     load,
     locked,
+    resuming,
     save,
 )
 from .servers import TaskServer, server_of
@@ -84,7 +85,7 @@ def run_job(
         Its text says how to go on.
     """
     folder = Path(folder)
-    hint = f"'quantify-client resume {folder}' goes on from here"
+    hint = f"{resuming(folder)} goes on from here"
     failure: Optional[ServerError] = None
     with locked(folder):
         job = load(folder)
@@ -121,11 +122,11 @@ def cancel_job(
             with suppress(TaskLostError):  # as good as cancelled
                 if not patience.through(lambda: _cancelled(node, job)):
                     return (
-                        f"task {job.uuid} has completed meanwhile; 'quantify-client resume "
-                        f"{folder}' fetches its result"
+                        f"task {job.uuid} has completed meanwhile; {resuming(folder)} fetches its "
+                        "result"
                     )
         save(folder, job, state=CANCELLED)
-        return f"the job is cancelled; 'quantify-client resume {folder} --resubmit' would redo it"
+        return f"the job is cancelled; {resuming(folder, '--resubmit')} would redo it"
 
 
 def _cancelled(node: TaskServer, job: Job) -> bool:

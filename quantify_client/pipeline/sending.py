@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Collection, Optional, Union
+from typing import Collection, Optional, Set, Union
 
 from ..errors import ControlError
 from ..scaler.control import read_control
+from ..scaler.nouns import Control
 from ..types import ControlAccount
 from .control import convert_control
 
@@ -18,6 +19,9 @@ _EXACT_M = 0.2
 
 #: A point is triangulated from two photographs at least.
 _FEWEST_PICKS = 2
+
+#: A size is that of something between two points.
+_FEWEST_ENDS = 2
 
 
 @dataclass(frozen=True)
@@ -50,10 +54,12 @@ def plan_control(gcp: Union[str, Path], images: Collection[str], out: Path) -> C
         The file cannot be read, or could never reach the cloud of these photographs.
     """
     account = convert_control(gcp)
-    _require_picks(gcp, images)
+    control = read_control(str(gcp))
+    usable = _require_picks(control, images)
     if Path(gcp).suffix.lower() == ".txt" and account.levelled == account.points:
         # OpenDroneMap's own file, complete: its author means it to be used as it is.
         return ControlPlan(Path(gcp), False, "sent to the node as it is; it holds no lengths")
+    _require_size(control, usable)
     try:
         solved = convert_control(gcp, to="odm", out=out)
     except ControlError:
@@ -75,14 +81,18 @@ def plan_control(gcp: Union[str, Path], images: Collection[str], out: Path) -> C
     )
 
 
-def _require_picks(gcp: Union[str, Path], images: Collection[str]) -> None:
-    """Places in a cloud are of another one than that which is only going to be made."""
-    control = read_control(str(gcp))
+def _require_picks(control: Control, images: Collection[str]) -> Set[str]:
+    """Return the points that can be found; places are in another cloud than the one to be made."""
     seen = {(pick.name, pick.image) for pick in control.picks if pick.image in images}
     names = [name for name, _ in seen]
     usable = {name for name in names if names.count(name) >= _FEWEST_PICKS}
+    if control.picks and control.cloud:
+        raise ControlError(
+            f"{control.label}: has places in a cloud ({', '.join(sorted(control.cloud)[:5])}), and "
+            "the one they could be in is still to be made; leave 'cloud:' out, the picks will do"
+        )
     if usable:
-        return
+        return usable
     if not control.picks:
         raise ControlError(
             f"{control.label}: has no picks in photographs, and the cloud that its places could be "
@@ -93,6 +103,19 @@ def _require_picks(gcp: Union[str, Path], images: Collection[str]) -> None:
         f"{control.label}: no point is picked in {_FEWEST_PICKS} or more of these photographs; "
         "expected the photographs' own file names, letter by letter: check the list of picks"
     )
+
+
+def _require_size(control: Control, usable: Set[str]) -> None:
+    """The size can only come from lengths between points that are picked, or their positions."""
+    ends = {end for tape in control.lengths if not tape.check for end in (tape.start, tape.end)}
+    placed = {name for name, point in control.points.items() if point.x is not None}
+    if max(len(usable & ends), len(usable & placed)) < _FEWEST_ENDS:
+        raise ControlError(
+            f"{control.label}: nothing in it could fix the cloud's size: of the points picked in "
+            f"{_FEWEST_PICKS} or more of these photographs ({', '.join(sorted(usable)[:5])}) "
+            f"{len(usable & ends)} are ends of a distance and {len(usable & placed)} have a "
+            "position; expected a distance between two of them: check that names are the same"
+        )
 
 
 def _doubt(solved: ControlAccount) -> Optional[str]:

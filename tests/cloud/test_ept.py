@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, List, Mapping
 
 import pytest
 from clouds import points, read_all, write_ept, write_las
@@ -101,3 +101,38 @@ def test_binary_tile_of_another_size_is_an_error(tmp_path: Path) -> None:
     tile.write_bytes(tile.read_bytes()[:-1])
     with pytest.raises(CloudError, match="has 1199 bytes, 100 points take 1200"):
         read_all(open_cloud([path]))
+
+
+def test_index_that_holds_more_than_is_promised_is_given_up_at_once(tmp_path: Path) -> None:
+    ept = write_ept(tmp_path / "ept", points(500))
+    asked: List[str] = []
+
+    def fetch(wanted: Mapping[str, int]) -> None:
+        for name in wanted:
+            key = f"50-{len(asked)}-0-0"
+            asked.append(name)
+            (ept.parent / name).write_text(json.dumps({"0-0-0-0": 501, key: -1}))
+
+    with pytest.raises(CloudError, match=r"501 points; ept\.json promises 500"):
+        ept_index.read_index(ept, fetch)
+    assert len(asked) == 1
+
+
+def test_parts_are_counted_before_they_are_fetched(ept: Path, monkeypatch: Any) -> None:
+    monkeypatch.setattr(ept_index, "_MAX_PARTS", 30)
+    asked: List[str] = []
+
+    def fetch(wanted: Mapping[str, int]) -> None:
+        asked.extend(wanted)
+        many = {f"40-{number}-0-0": -1 for number in range(31)}
+        (ept.parent / next(iter(wanted))).write_text(json.dumps(many))
+
+    with pytest.raises(CloudError, match="more than 30 parts"):
+        ept_index.read_index(ept, fetch)
+    assert len(asked) == 1
+
+
+def test_tiles_are_counted(ept: Path, monkeypatch: Any) -> None:
+    monkeypatch.setattr(ept_index, "_MAX_TILES", 2)
+    with pytest.raises(CloudError, match="2 tiles are read at most"):
+        open_cloud([ept])

@@ -5,11 +5,10 @@ import time
 
 import pytest
 from nodeodm import TOKEN, NodeODM
+from pace import PACE
 from photographs import all_zip, photographs
 
-from quantify_client.jobs import Pace, create_job, plan_job, run_job
-
-PACE = Pace(poll_s=0.02, pause_s=0.01, silence_s=0.5)
+from quantify_client.jobs import create_job, plan_job, run_job
 
 
 @pytest.fixture

@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from conftest import PACE
+from pace import PACE
 from photographs import all_zip, photographs
 from webodm import CANCELED, COMPLETED, FAILED, PASSWORD, USER, VIEWER, WebODM
 
