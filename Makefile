@@ -55,7 +55,7 @@ format: $(DEV)/.ready
 	$(DEV)/bin/ruff format .
 
 suite: $(DEV)/.ready
-	MPLBACKEND=Agg $(DEV)/bin/python -m pytest -n $(JOBS)
+	MPLBACKEND=Agg $(DEV)/bin/python -m pytest -n $(JOBS) --dist worksteal
 
 test-live: $(DEV)/.ready
 	@test -n "$(NODEODM_URL)" || { echo "make: NODEODM_URL is not set: give the address of a NodeODM" \
@@ -72,14 +72,14 @@ coverage: $(DEV)/.ready
 
 ifneq ($(PYTHON39),)
 say39:
-	@echo "The suite also runs on $(PYTHON39) with $(OLD_PINS), but for the simulations that" \
-	  "only tell how the errors are distributed (marker: statistics)."
+	@echo "The suite also runs on $(PYTHON39) with $(OLD_PINS), but for what takes long" \
+	  "and tells no more on a second Python (marker: one_python)."
 
 lint39: $(OLD)/.ready
 	$(OLD)/bin/mypy
 
 suite39: $(OLD)/.ready
-	MPLBACKEND=Agg $(OLD)/bin/python -m pytest -n $(JOBS) -m "not statistics"
+	MPLBACKEND=Agg $(OLD)/bin/python -m pytest -n $(JOBS) --dist worksteal -m "not one_python"
 else
 say39:
 	@echo "No Python 3.9 with venv found (PATH, pyenv): the run with $(OLD_PINS) is left out;" \

@@ -55,7 +55,7 @@ def test_volume_from_few_points(name: str) -> None:
     assert error_of(result, body.volume) < limit(name, FEW)
 
 
-@pytest.mark.statistics
+@pytest.mark.one_python
 @pytest.mark.parametrize("name", ["cube, rotated", "four legs"])
 def test_volume_from_many_points(name: str) -> None:
     body = BODIES[name]()
@@ -63,7 +63,7 @@ def test_volume_from_many_points(name: str) -> None:
     assert error_of(result, body.volume) < limit(name, MANY)
 
 
-@pytest.mark.statistics
+@pytest.mark.one_python
 @NEEDS_BUNNY
 def test_volume_of_the_bunny_from_many_points() -> None:
     result = volume_of(scan(BODIES["bunny"](), MANY, seed=1003))
@@ -72,7 +72,7 @@ def test_volume_of_the_bunny_from_many_points() -> None:
 
 @pytest.mark.parametrize(
     ("name", "count"),
-    [("cup", FEW), pytest.param("cup", MANY, marks=pytest.mark.statistics), ("hollow ball", FEW)],
+    [("cup", FEW), pytest.param("cup", MANY, marks=pytest.mark.one_python), ("hollow ball", FEW)],
 )
 def test_voids_are_left_out_where_asked(name: str, count: int) -> None:
     body = BODIES[name]()

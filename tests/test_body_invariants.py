@@ -20,6 +20,8 @@ from quantify_client import measure
 from quantify_client.cloud.ply import PlyCloud
 from quantify_client.types import AreaResult
 
+pytestmark = pytest.mark.one_python
+
 COUNT = 6_000
 NAMES = ["cube, rotated", "torus, lying", "four legs"]
 FLAWS = Flaws(noise=0.003, outliers=0.005)

@@ -89,7 +89,7 @@ def _measure(x: np.ndarray, y: np.ndarray, z: np.ndarray, polygon: Polygon) -> A
     )
 
 
-@pytest.mark.statistics
+@pytest.mark.one_python
 @pytest.mark.parametrize("noise", ["white", "correlated"])
 def test_errors_are_as_large_as_the_stated_standard_deviation(noise: str) -> None:
     net, cut, fill = [], [], []

@@ -27,6 +27,8 @@ from terrains import (
 from quantify_client import measure
 from quantify_client.cloud.ply import PlyCloud
 
+pytestmark = pytest.mark.one_python
+
 SITE = cone(6.0, 3.0).on(undulating)
 AREA = SITE.area
 CENTRE = (EAST + MIDDLE, NORTH + MIDDLE)

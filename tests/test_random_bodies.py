@@ -14,7 +14,7 @@ from solids import random_body
 
 from quantify_client.types import AreaResult
 
-pytestmark = pytest.mark.statistics
+pytestmark = pytest.mark.one_python
 
 SEEDS = range(1201, 1213)
 COUNT = 15_000

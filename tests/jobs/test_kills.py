@@ -21,7 +21,7 @@ KILLS = int(os.environ.get("QUANTIFY_KILLS", "4"))
 pytestmark = [
     pytest.mark.skipif(sys.platform == "win32", reason="signals"),
     # Random moments, many times: on one Python is enough.
-    pytest.mark.statistics,
+    pytest.mark.one_python,
 ]
 
 

@@ -39,30 +39,30 @@ def hundred() -> Trials:
     )
 
 
-@pytest.mark.statistics
+@pytest.mark.one_python
 def test_true_scale_lies_within_three_std(hundred: Trials) -> None:
     assert (np.abs(hundred.z) <= 3.0).sum() >= 99
 
 
-@pytest.mark.statistics
+@pytest.mark.one_python
 def test_scale_is_known_to_half_a_per_mille(hundred: Trials) -> None:
     """Better than 0.05 %: 20 tapes of 40 m, good to 5 mm and picked to 1 cm, give 0.013 %."""
     assert hundred.relative_std.max() < 5e-4
     assert hundred.relative_std.mean() == pytest.approx(1.3e-4, rel=0.1)
 
 
-@pytest.mark.statistics
+@pytest.mark.one_python
 def test_std_is_as_large_as_the_errors_are(hundred: Trials) -> None:
     assert 0.8 < math.sqrt(float(np.mean(hundred.z**2))) < 1.25
     assert abs(float(np.mean(hundred.z))) < 0.3  # three sigma of a mean of a hundred
 
 
-@pytest.mark.statistics
+@pytest.mark.one_python
 def test_good_observations_are_rarely_called_wrong(hundred: Trials) -> None:
     assert len(hundred.called_wrong) <= 4  # one is expected: a test at 1 %
 
 
-@pytest.mark.statistics
+@pytest.mark.one_python
 def test_two_gross_errors_are_found_and_do_no_harm() -> None:
     missed, inside = [], 0
     for seed in range(30):
@@ -77,7 +77,7 @@ def test_two_gross_errors_are_found_and_do_no_harm() -> None:
     assert inside >= 29
 
 
-@pytest.mark.statistics
+@pytest.mark.one_python
 @pytest.mark.parametrize(("relief", "seeds"), [(0.0, range(30)), (0.3, range(30))])
 def test_gentle_slope_takes_nothing_from_the_scale(relief: float, seeds: range) -> None:
     """Where the paper's step fails: dz = sqrt(D^2 - d^2) of 2 % over 40 m drowns in the GPS."""

@@ -135,7 +135,7 @@ def test_covariance_by_hand(tmp_path: Path) -> None:
     assert sighting.sigma_px == 0.5
 
 
-@pytest.mark.statistics
+@pytest.mark.one_python
 @pytest.mark.parametrize("name", sorted(CAMERAS))
 def test_errors_are_as_large_as_promised(name: str, tmp_path: Path) -> None:
     """Points picked with 0.5 px in two to six photographs: errors against their covariance."""
