@@ -1,5 +1,6 @@
 """The REST API below /api/plugins/volcalc/: see docs/webodm.md."""
 
+import contextlib
 import importlib
 import os
 
@@ -9,10 +10,19 @@ from rest_framework import exceptions
 from . import records
 from .base import VolumeView, may_change, may_view_project, plugin_here, refused
 from .checks import LIMITS, checked_control, checked_name, checked_options
-from .documents import UnreadableError, checked_document, read_document, summary_of
+from .documents import UnreadableError, checked_document, entry_of, read_document
 from .shapes import MisshapenError
 from .starting import area_of, crop_of, reason_not, sources_of, start
-from .store import MOST_SAVED, is_id, read_capped, saved_folder, saved_path, saved_paths, user_jobs
+from .store import (
+    MOST_SAVED,
+    is_id,
+    one_at_a_time,
+    read_capped,
+    saved_folder,
+    saved_path,
+    saved_paths,
+    user_jobs,
+)
 from .store import write_json as write
 
 __all__ = [
@@ -41,6 +51,21 @@ def _read(task, saved):
         raise exceptions.NotFound("there is no such measurement") from None
     except MisshapenError as error:
         raise refused(422, f"the file of this measurement is damaged: {error}") from None
+
+
+@contextlib.contextmanager
+def _changing(task):
+    """Change what a task has saved, one request at a time; its size is told to WebODM."""
+    plugin = plugin_here()
+    with one_at_a_time(plugin.get_persistent_path("jobs")):
+        try:
+            yield plugin
+        except OSError as error:
+            words = f"WebODM cannot write among the task's files ({error.strerror})"
+            raise refused(507, f"{words}; free some space, or ask its administrator") from error
+        # The size alone: everything else of the task may have changed since it was read.
+        task.update_size()
+        type(task).objects.filter(pk=task.pk).update(size=task.size)
 
 
 def _shown(request, document, names):
@@ -164,18 +189,19 @@ class Measurements(VolumeView):
         task = self.task(request, pk)
         names = records.names(plugin_here(), task)
         return self.answer(
-            [self._row(request, task, saved, path, names) for saved, path in saved_paths(task)]
+            [self._row(request, saved, path, names) for saved, path in saved_paths(task)]
         )
 
     @staticmethod
-    def _row(request, task, saved, path, names):
+    def _row(request, saved, path, names):
         row = dict.fromkeys(("name", "date", "user", "summary", "options", "problem"))
         try:
-            document = _shown(request, read_document(path, saved, task), names)
+            row.update(entry_of(path, saved))
         except (UnreadableError, MisshapenError) as error:
             return {**row, "id": saved, "readable": False, "problem": str(error)[:300]}
-        row.update({key: document[key] for key in ("name", "date", "user", "options")})
-        return {**row, "id": saved, "summary": summary_of(document), "readable": True}
+        del row["area_key"]
+        user = names.get(saved) if request.user.is_authenticated else None
+        return {**row, "id": saved, "user": user, "readable": True}
 
     def post(self, request, pk=None):
         """Keep the result of a job among the task's assets."""
@@ -189,14 +215,14 @@ class Measurements(VolumeView):
             document["name"] = checked_name(asked["name"])
         # Checked before it is written: what is kept can be read again.
         document = checked_document(document)
-        present = {saved for saved, _ in saved_paths(task)}
-        if document["id"] not in present and len(present) >= MOST_SAVED:
-            raise refused(409, f"the task has {MOST_SAVED} measurements; delete one first")
-        saved_folder(task).mkdir(parents=True, exist_ok=True)
-        write(saved_path(task, document["id"]), document)
-        task.update_size(commit=True)
-        plugin, user = plugin_here(), (folder.about() or {}).get("user_name")
-        records.remember(plugin, task, document["id"], user, present)
+        user = (folder.about() or {}).get("user_name")
+        with _changing(task) as plugin:
+            present = {saved for saved, _ in saved_paths(task)}
+            if document["id"] not in present and len(present) >= MOST_SAVED:
+                raise refused(409, f"the task has {MOST_SAVED} measurements; delete one first")
+            saved_folder(task).mkdir(parents=True, exist_ok=True)
+            write(saved_path(task, document["id"]), document)
+            records.remember(plugin, task, document["id"], user)
         return self.answer({**document, "user": user}, 201)
 
 
@@ -212,24 +238,24 @@ class OneMeasurement(VolumeView):
         """Give it another name."""
         task = self.task(request, pk, change=True)
         asked = self.body(request, "name")
-        document = _read(task, saved)
-        document["name"] = checked_name(asked.get("name"))
-        write(saved_path(task, saved), document)
-        task.update_size(commit=True)
+        name = checked_name(asked.get("name"))
+        with _changing(task):
+            document = {**_read(task, saved), "name": name}
+            write(saved_path(task, saved), document)
         return self.answer(_shown(request, document, records.names(plugin_here(), task)))
 
     def delete(self, request, pk=None, saved=None):
         """Remove it; also one that cannot be read."""
         task = self.task(request, pk, change=True)
         path = saved_path(task, saved) if is_id(saved) else None
-        try:
-            if path is None:
-                raise FileNotFoundError
-            path.unlink()
-        except FileNotFoundError:
-            raise exceptions.NotFound("there is no such measurement") from None
-        task.update_size(commit=True)
-        records.forget(plugin_here(), task, saved)
+        with _changing(task) as plugin:
+            try:
+                if path is None:
+                    raise FileNotFoundError
+                path.unlink()
+            except FileNotFoundError:
+                raise exceptions.NotFound("there is no such measurement") from None
+            records.forget(plugin, task, saved)
         return HttpResponse(status=204)
 
 
@@ -310,14 +336,12 @@ class Series(VolumeView):
                 if rows > self._MOST_ROWS:
                     break
                 try:
-                    document = read_document(path, saved, other)
+                    entry = entry_of(path, saved)
                 except (UnreadableError, MisshapenError):
                     continue
-                group = series.setdefault(
-                    document["area_key"],
-                    {"area_key": document["area_key"], "name": document["name"], "rows": []},
-                )
-                group["rows"].append(self._row(other, document))
+                key = entry["area_key"]
+                group = {"area_key": key, "name": entry["name"], "rows": []}
+                series.setdefault(key, group)["rows"].append(self._row(other, saved, entry))
         return self.answer(list(series.values()))
 
     def _tasks(self, task):
@@ -325,13 +349,12 @@ class Series(VolumeView):
         return found[: self._MOST_TASKS]
 
     @staticmethod
-    def _row(task, document):
-        summary = summary_of(document)
-        keys = ("volume_m3", "cut_m3", "fill_m3", "std_m3")
+    def _row(task, saved, entry):
+        keys = ("volume_m3", "cut_m3", "fill_m3", "std_m3", "shape", "base")
         return {
             "task": str(task.id),
             "task_name": task.name,
             "date": task.created_at.isoformat(),
-            "measurement": document["id"],
-            **{key: summary[key] for key in keys},
+            "measurement": saved,
+            **{key: entry["summary"][key] for key in keys},
         }

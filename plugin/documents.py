@@ -5,9 +5,12 @@ The file lies among the task's assets, and an imported all.zip may carry anythin
 
 import base64
 import binascii
+import copy
+import functools
 import math
+import os
 
-from .checks import area_key, checked_area, checked_name
+from .checks import area_key, checked_area, checked_control, checked_name
 from .shapes import (
     Flag,
     Listed,
@@ -23,7 +26,7 @@ from .shapes import (
 )
 from .store import UnreadableError, is_id, read_capped
 
-__all__ = ["SCHEMA", "UnreadableError", "checked_document", "read_document", "summary_of"]
+__all__ = ["SCHEMA", "UnreadableError", "checked_document", "entry_of", "read_document"]
 
 SCHEMA = "volcalc-measurement/1"
 
@@ -197,6 +200,14 @@ class _Picture:
         return text
 
 
+class _Control:
+    """Control as a request may ask for it: it is measured with once more."""
+
+    def clean(self, value, where):
+        """Return the checked control."""
+        return checked_control(value)
+
+
 class _Area:
     """What was drawn, as a request may ask for it."""
 
@@ -249,7 +260,7 @@ _DOCUMENT = Record(
         "area": Maybe(_Area()),
         "area_key": Text(40),
         "options": Mapped(_PLAIN, 40, 40),
-        "control": Maybe(Mapped(_Anything(), 4, 40)),
+        "control": Maybe(_Control()),
         "source": Text(among=("ept", "laz")),
         "measurement": _MEASUREMENT,
         "layers": Listed(_LAYER, 200),
@@ -283,12 +294,43 @@ def read_document(path, saved, task):
     MisshapenError
         It is no measurement of ours.
     """
-    document = checked_document(read_json(read_capped(path)))
-    if document["id"] != saved:
-        raise MisshapenError("the measurement has another id than its file")
+    document = _read(path, saved)
     # A task that was duplicated or imported has the measurements of the one it came from.
     document["task"], document["project"] = str(task.id), task.project.pk
     return document
+
+
+def _read(path, saved):
+    document = checked_document(read_json(read_capped(path)))
+    if document["id"] != saved:
+        raise MisshapenError("the measurement has another id than its file")
+    return document
+
+
+def entry_of(path, saved):
+    """Return what lists tell of a file: name, date, options, area_key, summary.
+
+    Checking a document takes a good part of a second, and a list has up to 200: it is done anew
+    only when the file is another one. Raises what read_document raises.
+    """
+    try:
+        about = os.stat(str(path), follow_symlinks=False)
+    except OSError as error:
+        raise UnreadableError(error.strerror or "it cannot be read") from error
+    entry = _entry(str(path), saved, about.st_ino, about.st_size, about.st_mtime_ns)
+    if "problem" in entry:
+        raise MisshapenError(entry["problem"])
+    return copy.deepcopy(entry)
+
+
+@functools.lru_cache(maxsize=1000)
+def _entry(path, saved, *_same):
+    try:
+        document = _read(path, saved)
+    except MisshapenError as error:
+        return {"problem": str(error)}
+    kept = {key: document[key] for key in ("name", "date", "options", "area_key")}
+    return {**kept, "summary": summary_of(document)}
 
 
 def summary_of(document):
@@ -302,6 +344,7 @@ def summary_of(document):
         "fill_m3": _sum(results, "fill_m3"),
         "std_m3": _joint_std(results),
         "shape": measured["shape"],
+        "base": results[0]["base"] if results else None,
     }
 
 

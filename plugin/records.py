@@ -5,6 +5,8 @@ there were some. User names are here too, and not in the files, which WebODM ser
 who may see the task, anonymous visitors of public ones included.
 """
 
+from .store import saved_paths
+
 __all__ = ["forget", "names", "remember", "were_lost"]
 
 _MOST = 500
@@ -24,8 +26,9 @@ def names(plugin, task):
     return {saved: who for saved, who in _read(plugin, task).items() if isinstance(who, str)}
 
 
-def remember(plugin, task, saved, user, present):
+def remember(plugin, task, saved, user):
     """Remember that a user saved a measurement; what is no longer there is forgotten."""
+    present = {key for key, _ in saved_paths(task)}
     known = {key: who for key, who in _read(plugin, task).items() if key in present}
     known[saved] = user
     if len(known) <= _MOST:

@@ -1,5 +1,6 @@
 """From a checked request to a job in WebODM's queue."""
 
+import logging
 import os
 
 from app.plugins.worker import run_function_async
@@ -8,10 +9,11 @@ from .base import COMPLETED, plugin_here, refused
 from .checks import LIMITS, checked_area, polygon_area
 from .job import run_job
 from .shapes import MisshapenError
-from .store import new_job, sweep, user_jobs
+from .store import new_job, one_at_a_time, sweep, user_jobs
 
 __all__ = ["area_of", "crop_of", "reason_not", "sources_of", "start"]
 
+_LONGEST_NAME = 80
 _FOR_OBJECTS = ("method", "center_caps", "hollow", "max_gap", "floor")
 
 
@@ -72,21 +74,13 @@ def start(request, task, *, area, options, control, name):
     if reason is not None:
         raise refused(409, reason)
     _require_agreement(area, options, control)
-    plugin = plugin_here()
-    root = plugin.get_persistent_path("jobs")
-    sweep(root)
-    if len(user_jobs(root, request.user.pk)) >= LIMITS["jobs"]:
-        raise refused(
-            429,
-            f"{LIMITS['jobs']} measurements of yours wait or run; wait for one of them, or "
-            "cancel it",
-        )
+    root = plugin_here().get_persistent_path("jobs")
     asked = {
         "task": str(task.id),
         "project": task.project.pk,
         "user": request.user.pk,
         "user_name": request.user.get_username(),
-        "task_name": task.name or "task",
+        "task_name": (task.name or "task")[:_LONGEST_NAME],
         "name": name,
         "assets": os.path.abspath(task.assets_path()),
         "sources": sources_of(task),
@@ -94,11 +88,32 @@ def start(request, task, *, area, options, control, name):
         "options": options,
         "control": control,
     }
-    folder = new_job(root, asked)
-    queued = run_function_async(run_job, __package__, os.path.abspath(root), folder.job)
+    folder = _admitted(root, asked)
+    try:
+        queued = run_function_async(run_job, __package__, os.path.abspath(root), folder.job)
+    except Exception:
+        # Whatever the queue fails with: a job that is in none would wait, and count, for ever.
+        folder.remove()
+        logging.getLogger("app.logger").exception("volcalc: nothing can be queued")
+        raise refused(
+            503, "WebODM's queue does not answer; try again in a minute, or restart WebODM"
+        ) from None
     # In a file of its own: the worker may be writing to job.json already.
     (folder.path / "celery").write_text(str(queued.task_id), encoding="utf-8")
     return folder
+
+
+def _admitted(root, asked):
+    """Return the folder of a new job, unless its user has enough of them already."""
+    sweep(root)
+    with one_at_a_time(root):
+        if len(user_jobs(root, asked["user"])) >= LIMITS["jobs"]:
+            raise refused(
+                429,
+                f"{LIMITS['jobs']} measurements of yours wait or run; wait for one of them, or "
+                "cancel it",
+            )
+        return new_job(root, asked)
 
 
 def _require_agreement(area, options, control):

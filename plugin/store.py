@@ -4,6 +4,8 @@ Everything is written beside its place and renamed: a duplicated task's assets a
 a file that is half written is never seen. Names that come from outside are checked, not cleaned.
 """
 
+import contextlib
+import fcntl
 import json
 import os
 import re
@@ -15,10 +17,13 @@ from pathlib import Path
 __all__ = [
     "HEARTBEAT_S",
     "LOST_S",
+    "MOST_BYTES",
+    "MOST_SAVED",
     "JobFolder",
     "UnreadableError",
     "is_id",
     "new_job",
+    "one_at_a_time",
     "read_capped",
     "saved_folder",
     "saved_path",
@@ -104,6 +109,10 @@ class JobFolder:
         """Ask for its end."""
         (self.path / "cancel").touch()
 
+    def remove(self):
+        """Forget it, with all that it left."""
+        shutil.rmtree(self.path, ignore_errors=True)
+
     def state(self, now=None):
         """Return the state as the API tells it."""
         now = time.time() if now is None else now
@@ -133,6 +142,15 @@ class JobFolder:
             return json.loads(read_capped(self.path / name).decode("utf-8"))
         except (UnreadableError, ValueError):
             return None
+
+
+@contextlib.contextmanager
+def one_at_a_time(root):
+    """Have whoever does the same wait: WebODM serves requests from several processes."""
+    Path(root).mkdir(parents=True, exist_ok=True)
+    with (Path(root) / ".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
 
 
 def new_job(root, about):
@@ -169,7 +187,7 @@ def sweep(root):
             continue
         waits = folder.state()["state"] in ("queued", "running")
         if age > (7 * _KEEP_S if waits else _KEEP_S):
-            shutil.rmtree(folder.path, ignore_errors=True)
+            folder.remove()
 
 
 def _folders(root):

@@ -4,6 +4,7 @@ This module and what it imports need the plugin's requirements; only the worker 
 """
 
 import importlib
+import json
 import re
 import threading
 import time
@@ -16,9 +17,9 @@ from .quantify_client.errors import CloudError, QuantifyError
 from .quantify_client.pipeline import measure
 from .quantify_client.report.jsonout import to_json
 from .quantify_client.report.layers import map_layers
-from .store import HEARTBEAT_S, JobFolder, write_json
+from .store import HEARTBEAT_S, MOST_BYTES, JobFolder, write_json
 
-__all__ = ["run"]
+__all__ = ["run", "sized"]
 
 #: Where each stage of the library lies between nothing and all, in percent.
 _STAGES = {
@@ -102,7 +103,7 @@ def run(root, job):
     asked = folder.about()
     with _Progress(folder) as progress:
         try:
-            document = _document(folder, asked, progress)
+            document = sized(_document(folder, asked, progress))
             write_json(folder.path / "result.json", document)
             progress.end("done")
         except CancelledError:
@@ -145,6 +146,23 @@ def _document(folder, asked, progress):
         "measurement": document,
         "layers": layers,
     }
+
+
+def sized(document):
+    """Return the document as it can be kept: without its layers where they are too large."""
+    if len(json.dumps(document)) <= MOST_BYTES:
+        return document
+    document["layers"] = []
+    document["measurement"]["warnings"].append(
+        "the slices and colours on the map are left out, they are too large to keep; measure "
+        "fewer areas at a time"
+    )
+    if len(json.dumps(document)) > MOST_BYTES:
+        raise QuantifyError(
+            f"the result is larger than {MOST_BYTES} bytes; measure fewer areas at a time, or "
+            "fewer slices"
+        )
+    return document
 
 
 def _measured(folder, asked, progress):

@@ -5,7 +5,7 @@
 
   var HASH = "#volcalc";
   var COMPLETED = 40;
-  var POINT_CLOUD = /^georeferenced_model\.(laz|las|ply|csv)$/;
+  var POINT_CLOUD = /^georeferenced_model\.(laz|las)$/;
   var MAP_LAYER = /^(orthophoto|dsm|dtm)\.tif$/;
 
   function words(text) {

@@ -26,6 +26,7 @@ MOST_OUTLINES = 40
 CONTOUR_CELLS = 400
 SHORTEST_CELLS = 6.0  # what is shorter follows noise
 MOST_VERTICES = 20_000
+MOST_LINES = MOST_VERTICES // 4
 DECIMALS = 8  # of degrees: a millimetre
 NO_HEIGHT, LEVEL = 0, 128  # indices of the palette: nothing there, and the base itself
 
@@ -230,34 +231,49 @@ def _evenly(slices: Sequence[Slice]) -> List[Slice]:
 def _outlines(
     drawn: Sequence[Tuple[Slice, List[FloatArray]]], plane: OnMap, tolerance: float
 ) -> Dict[str, Any]:
-    """Return outlines as features, simplified until they are few enough."""
-    shapes = [shapely.MultiLineString(list(map(shapely.linestrings, r))) for _, r in drawn]
-    simple = shapely.simplify(shapes, tolerance)
-    while shapely.get_num_coordinates(simple).sum() > MOST_VERTICES:
-        tolerance = 2.0 * tolerance or 1e-3
-        simple = shapely.simplify(shapes, tolerance)
-    features = [
-        {
-            "type": "Feature",
-            "properties": {
-                "z_m": float(piece.z_m),
-                "height_m": float(piece.height_m),
-                "area_m2": float(piece.area_m2),
-            },
-            "geometry": {"type": "MultiLineString", "coordinates": _degrees(shape, plane)},
+    """Return outlines as features: lines that are few enough for a file and for a map."""
+    lines = _longest([[shapely.linestrings(ring) for ring in rings] for _, rings in drawn])
+    simple = iter(_simplified([line for found in lines for line in found], tolerance))
+    features = []
+    for (piece, _), found in zip(drawn, lines):
+        some = [next(simple) for _ in found]
+        shown = [_degrees(line, plane) for line in some if line.length > 0.0]
+        if not shown:
+            continue
+        about = {
+            "z_m": float(piece.z_m),
+            "height_m": float(piece.height_m),
+            "area_m2": float(piece.area_m2),
         }
-        for (piece, _), shape in zip(drawn, simple)
-        if not shape.is_empty
-    ]
+        geometry = {"type": "MultiLineString", "coordinates": shown}
+        features.append({"type": "Feature", "properties": about, "geometry": geometry})
     return _collection(features)
 
 
-def _degrees(shape: Any, plane: OnMap) -> List[List[List[float]]]:
-    lines = []
-    for part in shapely.get_parts(shape):
-        lon, lat = plane.lon_lat(*shapely.get_coordinates(part).T)
-        lines.append(np.round(np.column_stack([lon, lat]), DECIMALS).tolist())
-    return lines
+def _longest(lines: List[List[Any]]) -> List[List[Any]]:
+    """Return the longest lines of each slice, where all are too many."""
+    if sum(map(len, lines)) <= MOST_LINES:
+        return lines
+    quota = MOST_LINES // len(lines)
+    return [sorted(found, key=lambda line: -line.length)[:quota] for found in lines]
+
+
+def _simplified(lines: List[Any], tolerance: float) -> List[Any]:
+    """Return the lines with few enough vertices.
+
+    Each for itself, so that there is an end to it: at some tolerance none has more than three.
+    """
+    simple = shapely.simplify(lines, tolerance, preserve_topology=False)
+    while shapely.get_num_coordinates(simple).sum() > MOST_VERTICES:
+        tolerance = 2.0 * tolerance or 1e-3
+        simple = shapely.simplify(lines, tolerance, preserve_topology=False)
+    return list(simple)
+
+
+def _degrees(line: Any, plane: OnMap) -> List[List[float]]:
+    lon, lat = plane.lon_lat(*shapely.get_coordinates(line).T)
+    rounded: List[List[float]] = np.round(np.column_stack([lon, lat]), DECIMALS).tolist()
+    return rounded
 
 
 def _collection(features: List[Dict[str, Any]]) -> Dict[str, Any]:

@@ -7,6 +7,8 @@ import pytest
 
 from .conftest import PUBLIC, REPOSITORY
 
+pytestmark = pytest.mark.one_python
+
 PANEL = REPOSITORY / "plugin" / "panel"
 MOST_BYTES = 150_000  # the promise is 300 kB; this leaves room to notice
 

@@ -4,7 +4,7 @@
 
 The user has to be an administrator: the plugin is built, uploaded through the page of plugins (one
 of the same name is removed first) and used on a finished task of the Brighton Beach cloud: the one
-whose id WEBODM_TASK gives, or the first.
+whose id WEBODM_TASK gives, or the first. Whatever is missing for that is a failure here.
 WEBODM_RESTART is a command that restarts WebODM afterwards, as it asks for; WEBODM_VIEWER and
 WEBODM_VIEWER_PASSWORD are somebody who may only look at that task; WEBODM_PICTURES is a folder for
 screenshots.
@@ -74,10 +74,11 @@ def viewer(chromium):
 
 
 @pytest.fixture(scope="module")
-def task(admin, outline):
-    """A finished task round the outline."""
+def task(admin, outline, request):
+    """A finished task round the outline, which who may look sees as well."""
     lon, lat = outline[0]
-    for project in admin.get("/api/projects/").json():
+    looks = request.getfixturevalue("viewer") if "WEBODM_VIEWER" in os.environ else admin
+    for project in looks.get("/api/projects/").json():
         for task in admin.get(f"/api/projects/{project['id']}/tasks/?status=40").json():
             west, south, east, north = task["extent"] or (0, 0, 0, 0)
             if os.environ.get("WEBODM_TASK", task["id"]) != task["id"]:
@@ -85,7 +86,7 @@ def task(admin, outline):
             has_cloud = "georeferenced_model.laz" in task["available_assets"]
             if has_cloud and west < lon < east and south < lat < north:
                 return task
-    pytest.skip("this WebODM has no finished task of the Brighton Beach cloud")
+    pytest.fail("this WebODM has no finished task of the Brighton Beach cloud that both may see")
 
 
 @pytest.fixture(scope="module")

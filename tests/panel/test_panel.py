@@ -10,6 +10,8 @@ from quantify_client import measure
 
 from .conftest import DEMO
 
+pytestmark = pytest.mark.one_python
+
 
 @pytest.fixture(scope="module")
 def task_cloud(tmp_path_factory):
@@ -379,33 +381,3 @@ def test_scale_bars_are_clicked_and_typed(open_page, tasks, outline):
     assert bar["length_m"] == 8.0
     assert bar["accuracy_m"] == 0.01
     assert bar["from"] == pytest.approx(outline[0], abs=1e-6)
-
-
-def test_visitors_of_a_public_task_look_only(open_page, tasks):
-    page = open_page(user=None).open(("Public", tasks["Public"])).open_panel()
-    page.page.wait_for_selector(".vc-empty")
-    page.page.click("role=tab[name='Measure']")
-    assert page.page.locator(".vc-run").count() == 0
-    assert page.page.locator(".vc-notice").count() == 1
-
-
-@pytest.mark.parametrize(
-    ("task", "reason"),
-    [
-        ({"status": 40, "available_assets": ["georeferenced_model.laz", "orthophoto.tif"]}, None),
-        ({"status": 40, "available_assets": ["orthophoto.tif"]}, "no point cloud"),
-        ({"status": 20, "available_assets": []}, "not completed"),
-    ],
-)
-def test_the_dashboard_button_leads_to_the_open_panel(open_page, tasks, task, reason):
-    page = open_page().open(("Beach", tasks["Beach"]), row=json.dumps(task))
-    button = page.page.locator("#row button")
-    assert button.is_disabled() == (reason is not None)
-    if reason:
-        assert reason in button.get_attribute("aria-label")
-        return
-    page.page.route("**/map/project/**", lambda route: route.fulfill(body="the map"))
-    button.click()
-    page.page.wait_for_url(f"**/map/project/1/task/{tasks['Beach']['id']}/#volcalc")
-    page.open(("Beach", tasks["Beach"]), hash="#volcalc")
-    page.page.wait_for_selector(".vc-choice")

@@ -3,6 +3,7 @@
 import base64
 import math
 import zlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,10 +12,11 @@ from beach import frame_of
 
 from quantify_client import measure
 from quantify_client.crs import on_map
+from quantify_client.report import layers
 from quantify_client.report.contours import contour
 from quantify_client.report.layers import map_layers
 from quantify_client.report.png import indexed_png
-from quantify_client.types import AreaFailure
+from quantify_client.types import AreaFailure, Slice
 
 
 def pixels(png):
@@ -133,3 +135,19 @@ def test_failure_has_an_empty_layer(cone):
         "relief": None,
         "outlines": {"type": "FeatureCollection", "features": []},
     }
+
+
+def test_outlines_of_a_forest_come_to_an_end(cone, monkeypatch):
+    """Small rings everywhere: no tolerance makes them fewer, so the shortest are left out."""
+    monkeypatch.setattr(layers, "MOST_VERTICES", 2000)
+    monkeypatch.setattr(layers, "MOST_LINES", 500)
+    y, x = np.mgrid[0:200, 0:200]
+    heights = np.sin(0.6 * x) * np.sin(0.6 * y) * (1.0 + x / 200.0)
+    relief = replace(cone.results[0].relief, above_base_m=heights, fraction=np.ones(heights.shape))
+    slices = tuple(Slice(z, 0.1, 1.0, 0.1, 5) for z in np.arange(-1.9, 2.0, 0.2))
+    result = replace(cone.results[0], relief=relief, slices=slices)
+    (layer,) = map_layers(replace(cone, results=(result,)))
+    features = layer["outlines"]["features"]
+    count = sum(len(line) for each in features for line in each["geometry"]["coordinates"])
+    assert layers.MOST_VERTICES / 4 < count <= layers.MOST_VERTICES
+    assert len(features) > len(slices) / 2

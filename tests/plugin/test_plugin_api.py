@@ -239,3 +239,18 @@ def test_restarted_task_says_that_it_lost_measurements(host):
     assert host.owner.get(f"{API}/{task}/").json["lost"] is True
     host.owner.saved(task)
     assert host.owner.get(f"{API}/{task}/").json["lost"] is False
+
+
+def test_long_control_file_and_long_name_of_a_task_are_kept(host):
+    """What can be measured can be saved."""
+    x, y = PLACE.centroid.coords[0]
+    text = (
+        f"# {'how it was measured ' * 200}\nunit: m\n"
+        f"cloud:\n  A: {{xyz: [{x - 10}, {y}, 160], accuracy: 0.02}}\n"
+        f"  B: {{xyz: [{x + 10}, {y}, 160], accuracy: 0.02}}\n"
+        "scale_bars:\n  - {from: A, to: B, length: 20.4, accuracy: 0.005}\n"
+    )
+    task = host.tasks["Long".ljust(250, "g")]
+    kept = host.owner.saved(task, area="whole", control={"text": text, "name": "a.yaml"})
+    assert kept["control"]["text"] == text
+    assert host.owner.ask("DELETE", f"{API}/{task}/measurements/{kept['id']}").status == 204

@@ -100,3 +100,22 @@ def test_what_passes_the_check_can_be_shown(documents, document):
         for kind in ("csv", "geojson", "html"):
             exported(checked, kind, chance.choice(["metric", "us"])).encode()
     assert shown > 20
+
+
+def test_a_list_reads_a_file_once_until_it_is_another(documents, document, tmp_path, monkeypatch):
+    path = tmp_path / f"{document['id']}.json"
+    path.write_text(json.dumps(document))
+    first = documents.entry_of(path, document["id"])
+    assert first["summary"]["volume_m3"] == document["measurement"]["results"][0]["volume_m3"]
+    first["summary"].clear()
+    with monkeypatch.context() as patch:
+        patch.setattr(documents, "read_capped", None)
+        assert documents.entry_of(path, document["id"])["summary"]
+    path.write_text(json.dumps({**document, "name": "another"}))
+    assert documents.entry_of(path, document["id"])["name"] == "another"
+    path.write_text("{}")
+    with pytest.raises(documents.MisshapenError):
+        documents.entry_of(path, document["id"])
+    path.unlink()
+    with pytest.raises(documents.UnreadableError):
+        documents.entry_of(path, document["id"])

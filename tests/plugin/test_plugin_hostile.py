@@ -173,3 +173,21 @@ def test_files_of_other_names_and_links_are_no_measurements(host, beach_task, ke
     assert host.viewer.get(f"{API}/{beach_task}/measurements/{'d' * 32}").status == 404
     (folder / ("d" * 32 + ".json")).unlink()
     (folder / "index.html").unlink()
+
+
+def test_file_in_the_place_of_the_folder_is_told(host):
+    task = host.tasks["Long".ljust(250, "g")]
+    job = host.owner.measured(task)["id"]
+    place = host.assets("Long".ljust(250, "g")) / "volcalc"
+    away = place.rename(place.with_name("away")) if place.exists() else None
+    place.write_text("a file")
+    try:
+        answer = host.owner.post(f"{API}/{task}/measurements", {"job": job})
+        assert host.owner.get(f"{API}/{task}/measurements").json == []
+    finally:
+        place.unlink()
+        if away:
+            away.rename(place)
+    assert answer.status == 507
+    assert "cannot write" in answer.error
+    assert str(host.data) not in answer.error

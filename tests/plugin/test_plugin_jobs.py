@@ -1,10 +1,14 @@
 """Jobs: the function as WebODM runs it, workers that die, cancelling, limits."""
 
 import ast
+import copy
+import importlib
 import importlib.util
 import json
 import sys
 import time
+import types
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -156,3 +160,75 @@ def test_waiting_jobs_are_limited_listed_and_cancelled(host, working):
 def test_job_that_is_done_stays_done(host, beach_task, kept):
     found = host.owner.ask("DELETE", f"{API}/{beach_task}/jobs/{kept['id']}")
     assert found.json["state"] == "done"
+
+
+def test_job_that_cannot_be_queued_is_refused_and_forgotten(host):
+    """Else it would wait for ever, and keep its user from starting others."""
+    task = host.tasks["Mine"]
+    queue = host.data / "queue"
+    away = queue.rename(host.data / "queue-away")
+    queue.write_text("no folder")
+    try:
+        answer = host.owner.post(f"{API}/{task}/jobs", {"area": ROUND})
+    finally:
+        queue.unlink()
+        away.rename(queue)
+    assert answer.status == 503
+    assert "queue" in answer.error
+    assert host.owner.get(f"{API}/{task}/").json["jobs"] == []
+    assert host.owner.measured(task)
+
+
+def test_result_that_is_too_large_to_keep_says_so(host, monkeypatch):
+    package = types.ModuleType("volcalc_work")
+    package.__path__ = [str(PLUGIN), str(PLUGIN.parent)]
+    monkeypatch.setitem(sys.modules, "volcalc_work", package)
+    for name in ("shapes", "checks", "store", "documents", "quantify_client", "work"):
+        monkeypatch.delitem(sys.modules, f"volcalc_work.{name}", raising=False)
+    work = importlib.import_module("volcalc_work.work")
+    row = {"slices": [{"z_m": 0.123456789}] * 100}
+    document = {"layers": [{"name": "a"}] * 2, "measurement": {"results": [row], "warnings": []}}
+    size = len(json.dumps(document)) + 300
+    monkeypatch.setattr(work, "MOST_BYTES", size)
+    assert work.sized(copy.deepcopy(document)) == document
+    document["layers"][0]["outlines"] = "x" * size
+    less = work.sized(copy.deepcopy(document))
+    assert less["layers"] == []
+    assert "fewer areas" in less["measurement"]["warnings"][0]
+    document["measurement"]["results"] *= 3
+    with pytest.raises(work.QuantifyError, match="fewer"):
+        work.sized(document)
+
+
+def test_two_saves_at_once_keep_both_names(host):
+    """Who saved what is one record of a task, read and written by several processes."""
+    task = host.tasks["Mine"]
+    documents = [host.owner.measured(task)["id"] for _ in range(4)]
+    root = f"{API}/{task}/measurements"
+
+    def save(job):
+        return host.owner.post(root, {"job": job, "name": job[:4]}).status
+
+    with ThreadPoolExecutor(4) as pool:
+        assert list(pool.map(save, documents)) == [201] * 4
+    users = {row["id"]: row["user"] for row in host.owner.get(root).json}
+    assert [users[saved] for saved in documents] == ["owner"] * 4
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(lambda job: host.owner.ask("DELETE", f"{root}/{job}"), documents))
+    assert host.owner.get(f"{API}/{task}/").json["lost"] is False
+
+
+def test_many_requests_at_once_start_no_more_than_the_limit(host, working):
+    task = host.tasks["Mine"]
+    host.owner.post("/test/worker/stop")
+    try:
+        with ThreadPoolExecutor(8) as pool:
+            answers = list(
+                pool.map(lambda _: host.owner.post(f"{API}/{task}/jobs", {"area": ROUND}), range(8))
+            )
+    finally:
+        host.owner.post("/test/worker/go")
+    started = [answer.json["job"] for answer in answers if answer.status == 202]
+    assert len(started) == 2
+    for job in started:
+        host.owner.ask("DELETE", f"{API}/{task}/jobs/{job}")

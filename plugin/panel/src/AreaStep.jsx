@@ -2,12 +2,11 @@
 
 import L from "leaflet";
 import React from "React";
+import { EDITABLE_VERTICES } from "./draw";
 import { polygonArea, readAreas } from "./geometry";
 import { _, fill } from "./gettext";
 import { lookAt } from "./layers";
 import { Button, Choice, FilePick, Icon, IconButton, Notice } from "./ui";
-
-const EDITABLE_VERTICES = 500;
 
 export default class AreaStep extends React.Component {
   choose = (area) => {

@@ -14,6 +14,7 @@ import Progress from "./Progress";
 import Result from "./Result";
 import Saved from "./Saved";
 import Series from "./Series";
+import Tabs from "./Tabs";
 import { onUnitsChanged, unitSystem } from "./units";
 import { IconButton, Notice, Select, Spinner } from "./ui";
 
@@ -47,6 +48,7 @@ export default class Panel extends React.Component {
   componentWillUnmount() {
     this.stopUnits();
     this.stopWatching();
+    this.api = null;
     this.hideLayers();
     this.editor.destroy();
     this.bars.destroy();
@@ -107,7 +109,7 @@ export default class Panel extends React.Component {
   takeUpJob(info) {
     const going = (info.jobs || []).slice(-1)[0];
     const id = going ? going.job : rememberedJob(info.task.id);
-    if (id) this.watch(info.task.id, id);
+    if (id) this.watch(info.task.id, id, { remembered: !going });
   }
 
   // Measuring.
@@ -122,15 +124,21 @@ export default class Panel extends React.Component {
     this.againName = null;
     this.setState({ error: null, job: { task: info.task.id, state: "sending" } });
     api.start(asked, toOptions(form, units), toControl(form, this.bars.bars, units)).then(
-      ({ job }) => this.watch(info.task.id, job),
-      (error) => this.setState({ job: null, error: error.message }),
+      ({ job }) => {
+        // Of a task that was left meanwhile: found again with it.
+        if (api !== this.api) rememberJob(info.task.id, job);
+        else this.watch(info.task.id, job);
+      },
+      (error) => api === this.api && this.setState({ job: null, error: error.message }),
     );
   };
 
   again = (saved, task) => {
+    const here = this.api;
     this.setState({ error: null });
-    return this.api.again(saved.id, task).then(
+    return here.again(saved.id, task).then(
       (started) => {
+        if (here !== this.api) return;
         this.againName = saved.name;
         this.watch(started.task || this.state.taskId, started.job);
       },
@@ -138,12 +146,12 @@ export default class Panel extends React.Component {
     );
   };
 
-  watch(task, id) {
+  watch(task, id, how) {
     this.stopWatching();
     const api = task === this.state.taskId ? this.api : new TaskApi(task);
     rememberJob(task, id);
     this.setState({ view: "measure", result: null, job: { task, job: id, state: "queued" } });
-    this.unwatch = watchJob(api, id, (state) => this.told(api, state));
+    this.unwatch = watchJob(api, id, (state) => this.told(api, state), how);
   }
 
   told(api, state) {
@@ -152,7 +160,7 @@ export default class Panel extends React.Component {
       this.fetchResult(api, state.job);
     } else if (state.state === "failed" || state.state === "cancelled") {
       rememberJob(api.taskId, null);
-      const words = state.gone ? null : state.error || _("The measurement failed. The server's log says why.");
+      const words = state.forgotten ? null : state.error || _("The measurement failed. The server's log says why.");
       this.setState({ job: null, error: state.state === "failed" ? words : null });
       return;
     }
@@ -160,8 +168,10 @@ export default class Panel extends React.Component {
   }
 
   fetchResult(api, id) {
+    const here = this.api;
     api.result(id).then(
       (doc) => {
+        if (here !== this.api) return;
         this.setState({ job: null });
         const failures = doc.measurement.results.map(({ error }) => error);
         if (failures.every(Boolean)) {
@@ -174,7 +184,7 @@ export default class Panel extends React.Component {
       },
       (error) => {
         rememberJob(api.taskId, null);
-        this.setState({ job: null, error: error.message });
+        if (here === this.api) this.setState({ job: null, error: error.message });
       },
     );
   }
@@ -247,10 +257,11 @@ export default class Panel extends React.Component {
 
   open = (id, taskId = this.state.taskId) => {
     const api = taskId === this.state.taskId ? this.api : new TaskApi(taskId);
+    const here = this.api;
     this.setState({ error: null });
     return api.saved(id).then(
-      (doc) => this.showDocument(doc, null),
-      (error) => this.setState({ error: error.message }),
+      (doc) => here === this.api && this.showDocument(doc, null),
+      (error) => here === this.api && this.setState({ error: error.message }),
     );
   };
 
@@ -320,27 +331,7 @@ export default class Panel extends React.Component {
   renderTabs() {
     const { view, list, result, job } = this.state;
     const shown = view === "result" ? (result && result.unsaved ? "measure" : "saved") : view;
-    const count = list && list.length ? ` (${list.length})` : "";
-    const tabs = [["measure", _("Measure")], ["saved", _("Saved") + count], ["series", _("Over time")]];
-    const turn = (event) => {
-      const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
-      if (!step) return;
-      const keys = tabs.map(([key]) => key);
-      const next = keys[(keys.indexOf(shown) + step + keys.length) % keys.length];
-      this.turnTo(next);
-      event.currentTarget.querySelector(`[data-tab="${next}"]`).focus();
-    };
-    return (
-      <div className="vc-tabs" role="tablist" onKeyDown={turn}>
-        {tabs.map(([key, text]) => (
-          <button key={key} type="button" role="tab" data-tab={key} aria-selected={shown === key}
-            tabIndex={shown === key ? 0 : -1} onClick={() => this.turnTo(key)}>
-            {text}
-            {key === "measure" && job ? <Spinner /> : null}
-          </button>
-        ))}
-      </div>
-    );
+    return <Tabs shown={shown} saved={list ? list.length : 0} busy={Boolean(job)} onTurn={(next) => this.turnTo(next)} />;
   }
 
   turnTo(view) {

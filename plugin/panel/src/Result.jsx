@@ -154,7 +154,7 @@ export default class Result extends React.Component {
     return [
       [_("Area"), units.area(result.area_m2)],
       [_("Highest"), units.length(result.max_height_m)],
-      [_("Mass"), result.mass_t === null || result.mass_t === undefined ? null : units.mass(result.mass_t, result.mass_std_t)],
+      [terrain ? _("Mass of the cut") : _("Mass"), result.mass_t === null || result.mass_t === undefined ? null : units.mass(result.mass_t, result.mass_std_t)],
       [_("Base"), terrain && result.base !== null ? baseName(result.base, units) : null],
       [_("Covered by points"), Number.isFinite(result.coverage) ? percent(result.coverage) : null],
     ].filter(([, value]) => value !== null);

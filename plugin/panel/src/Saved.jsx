@@ -112,7 +112,8 @@ export default class Saved extends React.Component {
         {asked === "delete" ? (
           <div className="vc-ask" role="group" aria-label={_("Delete")}>
             <span>{_("Delete this measurement for everybody?")}</span>
-            <button type="button" className="btn btn-sm btn-danger" onClick={() => this.act(saved.id, () => onRemove(saved))}>
+            <button type="button" className="btn btn-sm btn-danger" disabled={busy === saved.id}
+              onClick={() => this.act(saved.id, () => onRemove(saved))}>
               {_("Delete")}
             </button>
             <Button onClick={() => this.setState({ asking: null })}>{_("Keep")}</Button>
@@ -153,7 +154,8 @@ export default class Saved extends React.Component {
           <option value={info.task.id}>{fill(_("%(name)s (this task)"), { name: info.task.name })}</option>
           {others.map(({ id, name }) => <option key={id} value={id}>{name || id}</option>)}
         </select>
-        <button type="button" className="btn btn-sm btn-primary" disabled={!this.state.others}
+        <button type="button" className="btn btn-sm btn-primary"
+          disabled={!this.state.others || this.state.busy === saved.id}
           onClick={() => this.act(saved.id, () => onAgain(saved, this.select.value))}>
           <Icon name="again" /> {_("Measure")}
         </button>

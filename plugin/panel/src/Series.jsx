@@ -4,7 +4,7 @@ import React from "React";
 import { tickText, ticks } from "./Chart";
 import { _, fill } from "./gettext";
 import { Notice, Select, Spinner } from "./ui";
-import { when } from "./words";
+import { baseName, shapeWords, when } from "./words";
 
 const WIDTH = 300;
 const HEIGHT = 150;
@@ -82,7 +82,7 @@ export default class Series extends React.Component {
                   <button type="button" className="vc-link" onClick={() => onOpen(row.measurement, row.task)}>
                     {row.task_name || row.task}
                   </button>
-                  <div className="vc-quiet">{when(row.date, false)}</div>
+                  <div className="vc-quiet">{when(row.date, false)} · {this.how(row)}</div>
                 </th>
                 <td className="vc-right">{units.volumeNumber(row.volume_m3, row.std_m3)}</td>
                 <td className="vc-right">{units.margin(row.std_m3).replace("± ", "")}</td>
@@ -95,8 +95,14 @@ export default class Series extends React.Component {
     );
   }
 
+  /** What a volume is of: another base gives another volume, with no time in between. */
+  how({ shape, base }) {
+    return shape === "terrain" && base !== null ? baseName(base, this.props.units) : shapeWords(shape);
+  }
+
   change(before, after) {
     const { units } = this.props;
+    if (before.shape !== after.shape || before.base !== after.base) return "–";
     if (![before, after].every((row) => Number.isFinite(row.volume_m3))) return "";
     const by = after.volume_m3 - before.volume_m3;
     const std = Math.hypot(before.std_m3 || 0, after.std_m3 || 0);

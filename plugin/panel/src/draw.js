@@ -12,6 +12,7 @@ import { mapIsBusy } from "./clicks";
 const NEAR_PX = 10;
 const NUDGE_PX = 4;
 const HISTORY = 100;
+export const EDITABLE_VERTICES = 500; // more handles than that, and the map stands still
 
 const STYLES = {
   area: { color: "#f5a623", weight: 3, fillOpacity: 0.14, interactive: false },
@@ -243,6 +244,7 @@ export class AreaEditor {
       ring.forEach((point, i) => this.openVertex(point, i === 0 && ring.length >= 3));
       return;
     }
+    if (this.vertices > EDITABLE_VERTICES) return;
     this.areas.forEach(({ rings }, area) => rings.forEach((points, ring) => {
       points.forEach((_point, point) => this.vertex({ area, ring, point }));
       if (this.vertices < 300) points.forEach((_point, point) => this.midpoint({ area, ring, point }));

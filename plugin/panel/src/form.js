@@ -1,7 +1,7 @@
 // What the form holds, and what the API is told of it.
 
 import { _ } from "./gettext";
-import { retyped, typed } from "./units";
+import { isUnclear, retyped, typed } from "./units";
 
 export const EMPTY_FORM = {
   area: "draw", // draw | file | crop | whole
@@ -38,18 +38,20 @@ export function inUnits(form, from, to) {
   return changed;
 }
 
+const UNCLEAR = () => _("Write the number without that comma: it could be thousands or a decimal.");
+
 /** What must be mended before measuring, by field: {field: words}. */
 export function wrongFields(form, bars) {
   const wrong = {};
   const need = (key, holds, words) => {
     const value = typed(form[key]);
-    if (value === null || !holds(value)) wrong[key] = words;
+    if (value === null || !holds(value)) wrong[key] = isUnclear(form[key]) ? UNCLEAR() : words;
   };
   const positive = (value) => value > 0;
   const terrain = form.shape === "terrain";
   if (terrain && form.base === "elevation") need("elevation", Number.isFinite, _("Give an elevation."));
   if (form.density) need("density", positive, _("Give a number above 0, or nothing."));
-  if (form.densitySigma) need("densitySigma", (v) => v >= 0, _("Give a number from 0, or nothing."));
+  if (form.density && form.densitySigma) need("densitySigma", (v) => v >= 0, _("Give a number from 0, or nothing."));
   if (form.slicing === "count") {
     need("slices", (v) => v >= 1 && v === Math.round(v), _("Give a whole number from 1."));
   }
@@ -62,7 +64,8 @@ export function wrongFields(form, bars) {
   if (form.control === "bars") {
     if (!bars.length) wrong.control = _("Add a scale bar, or choose None.");
     else if (bars.some((bar) => !(typed(bar.length) > 0))) wrong.control = _("Give each bar its measured length.");
-    if (bars.some((bar) => !(typed(bar.accuracy) > 0))) {
+    if (bars.some(({ length, accuracy }) => isUnclear(length) || isUnclear(accuracy))) wrong.control = UNCLEAR();
+    else if (bars.some((bar) => !(typed(bar.accuracy) > 0))) {
       wrong.control = _("An accuracy is a length above 0.");
     }
   }

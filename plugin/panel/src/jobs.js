@@ -1,17 +1,22 @@
 // Watching a job. WebODM tells nothing by itself, so the panel asks; an answer that does not come
 // is not a failure of the job, and is said as what it is.
 
+import { _ } from "./gettext";
+
 const QUICK_MS = 700;
 const SLOW_MS = 2000;
+const GONE = () => _("The server no longer knows this measurement: the plugin was replaced, or you are no longer " +
+  "logged in. Reload the page and measure again.");
 const ENDS = ["done", "failed", "cancelled"];
 
 /**
  * Ask for the job's state until it ends. `told` gets each state, and {unreachable: message} while
  * the server does not answer; a lost job is asked for on, as its worker may come back.
- * Returns how to stop.
+ * A `remembered` job that the server has forgotten meanwhile is none to speak of. Returns how to stop.
  */
-export function watchJob(api, id, told) {
+export function watchJob(api, id, told, { remembered = false } = {}) {
   const began = Date.now();
+  let known = !remembered;
   let stopped = false;
   let timer = null;
 
@@ -19,12 +24,13 @@ export function watchJob(api, id, told) {
     try {
       const state = await api.job(id);
       if (stopped) return;
+      known = true;
       told(state);
       if (ENDS.includes(state.state)) return;
     } catch (error) {
       if (stopped) return;
       if (error.status && error.status < 500) {
-        told({ job: id, state: "failed", error: error.message, gone: true });
+        told({ job: id, state: "failed", error: known ? GONE() : null, forgotten: !known });
         return;
       }
       told({ job: id, unreachable: error.message });

@@ -109,9 +109,15 @@ export function percent(share) {
 
 /** Read a number that a person typed: a decimal comma counts as a point. null if it is none. */
 export function typed(text) {
+  if (isUnclear(text)) return null;
   const bare = String(text).trim().replace(",", ".").replace(MINUS, "-");
   if (!/^[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$/i.test(bare)) return null;
   return Number(bare);
+}
+
+/** Whether a comma may be either a point or what parts thousands: 1,234. */
+export function isUnclear(text) {
+  return /^[-+]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?$/.test(String(text).trim().replace(MINUS, "-"));
 }
 
 /** Convert a typed text by a factor, in the digits that a person would type. */

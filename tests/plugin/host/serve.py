@@ -4,8 +4,8 @@
 
 Log in by GET /test/login?user=owner (or changer, viewer, other; without user: out). /test/tasks
 names the tasks: "Beach" with tiles, "Beach LAZ" with the file only, "Public" for everyone, "Empty"
-without a cloud, "Elsewhere" of another project, "Running". /test/worker/kill kills the worker,
-/test/worker/stop has it stand still until /test/worker/go.
+without a cloud, "Elsewhere" of another project, "Running", "Longggg...".
+/test/worker/kill kills the worker, /test/worker/stop has it stand still until /test/worker/go.
 """
 
 from __future__ import annotations
@@ -134,6 +134,7 @@ def make_tasks(data: Path) -> None:
     _task(beach, "Running", day=5, status=20)
     _task(elsewhere, "Elsewhere", day=6)
     _task(mine, "Mine", laz=True, day=7)
+    _task(mine, "Long".ljust(250, "g"), laz=True, day=8)
 
 
 def _task(project, name: str, *, ept: bool = False, laz: bool = False, day: int, **fields) -> None:

@@ -1,0 +1,104 @@
+"""The panel where something is unusual: twice the same click, a large file, a forgotten job."""
+
+import json
+import math
+
+import pytest
+
+pytestmark = pytest.mark.one_python
+
+
+def saved_pile(page, outline):
+    page.look_at(outline)
+    page.draw(outline)
+    page.measure()
+    page.page.fill("[aria-label='Name of the measurement']", "Pile")
+    page.page.click(".vc-foot >> text=Save")
+    page.page.click("text=All measurements")
+
+
+def test_a_double_click_measures_and_deletes_once(open_page, tasks, outline):
+    page = open_page().open(("Mine", tasks["Mine"])).open_panel()
+    saved_pile(page, outline)
+    sent = []
+
+    def slowly(route):
+        sent.append(route.request.method)
+        page.page.wait_for_timeout(300)
+        route.continue_()
+
+    page.page.route("**/measurements/*/again", slowly)
+    page.page.click("[aria-label='Measure Pile again']")
+    page.page.wait_for_selector(".vc-ask button:enabled >> text=Measure")
+    page.page.dblclick(".vc-ask >> text=Measure >> nth=-1")
+    page.page.wait_for_selector(".vc-hero")
+    assert sent == ["POST"]
+    page.page.click("role=tab[name='Saved (1)']")
+    page.page.route("**/measurements/*", slowly)
+    page.page.click("[aria-label='Delete Pile']")
+    page.page.dblclick(".vc-ask >> text=Delete >> nth=-1")
+    page.page.wait_for_selector("text=Nothing saved yet")
+    assert sent == ["POST", "DELETE"]
+    assert page.page.locator(".vc-error").count() == 0
+
+
+def test_a_large_file_is_measured_without_handles(open_page, tasks, outline, tmp_path):
+    lon, lat = (sum(place[axis] for place in outline) / len(outline) for axis in (0, 1))
+    steps = [2.0 * math.pi * step / 9000 for step in range(9000)]
+    ring = [[lon + 1e-4 * math.cos(at), lat + 7e-5 * math.sin(at)] for at in steps]
+    large = tmp_path / "large.geojson"
+    large.write_text(json.dumps({"type": "Polygon", "coordinates": [[*ring, ring[0]]]}))
+    page = open_page().open(("Beach", tasks["Beach"])).open_panel()
+    page.page.click(".vc-choice label:has-text('File')")
+    page.page.set_input_files("input[type=file]", large)
+    page.page.wait_for_selector("text=9001 vertices")
+    assert page.page.locator(".volcalc-vertex").count() == 0
+    page.page.evaluate("hostMap.setZoom(hostMap.getZoom() - 1, {animate: false})")
+    page.measure()
+
+
+def test_a_job_that_the_server_forgot_is_said_to_be_gone(open_page, tasks):
+    page = open_page().open(("Mine", tasks["Mine"])).open_panel()
+    page.page.click(".vc-choice label:has-text('All')")
+    forgotten = {"status": 404, "json": {"error": "there is no such measurement"}}
+    started = {"status": 202, "json": {"job": "b" * 32, "state": "queued"}}
+    page.page.route("**/jobs", lambda route: route.fulfill(**started))
+    page.page.route("**/jobs/*", lambda route: route.fulfill(**forgotten))
+    page.page.click("text=Measure volume")
+    said = page.page.wait_for_selector(".vc-error").inner_text()
+    assert "measure again" in said
+    # One that is only remembered from before a reload is nothing to speak of.
+    remember = "(task) => sessionStorage.setItem('volcalc.job.' + task, 'a'.repeat(32))"
+    page.page.evaluate(remember, tasks["Beach LAZ"]["id"])
+    page.open(("Beach LAZ", tasks["Beach LAZ"])).open_panel()
+    page.page.wait_for_selector(".vc-run")
+    page.page.wait_for_timeout(500)
+    assert page.page.locator(".vc-error").count() == 0
+
+
+def test_a_series_says_which_base_each_volume_has(open_page, tasks, outline):
+    page = open_page().open(("Mine", tasks["Mine"])).open_panel()
+    saved_pile(page, outline)
+    page.page.click("[aria-label='Show Pile']")
+    page.page.click(".vc-foot >> text=Change")
+    page.page.get_by_label("Base", exact=True).select_option("lowest")
+    page.measure()
+    page.page.click(".vc-foot >> text=Save")
+    page.page.wait_for_selector(".vc-export")
+    page.page.click("role=tab[name='Over time']")
+    page.page.wait_for_selector(".vc-table")
+    rows = page.page.locator(".vc-table tbody tr").all_inner_texts()
+    assert "Ground along the outline" in rows[0]
+    assert "Level, lowest" in rows[1]
+    assert rows[1].rstrip().endswith("\u2013")  # no change over time: another question was asked
+
+
+def test_a_comma_that_could_mean_thousands_is_asked_about(open_page, tasks, outline):
+    page = open_page().open(("Beach", tasks["Beach"])).open_panel()
+    page.look_at(outline)
+    page.draw(outline)
+    page.page.get_by_label("Base", exact=True).select_option("elevation")
+    for text, clear in (("1,234", False), ("1,234.5", False), ("161,25", True), ("0,125", True)):
+        page.page.fill("label:has-text('Elevation') + div input", text)
+        said = page.page.inner_text("#volcalc-missing")
+        assert ("comma" in said) != clear, (text, said)
