@@ -7,10 +7,11 @@
 # make lint    the checks that need no test run        make format   let ruff mend what it can
 # make clean   remove what these made
 #
-# PYTHON=/path/to/python3 chooses the interpreter (3.9 or newer), JOBS=n the number of test workers.
+# PYTHON=/path/to/python3 chooses the interpreter (3.9 or newer), JOBS=n the number of test workers
+# (3 by default, for two processors: many tests wait for servers and browsers).
 
 PYTHON ?= python3
-JOBS ?= 2
+JOBS ?= 3
 
 PIP := -m pip --disable-pip-version-check --quiet
 VENV := .venv

@@ -1,6 +1,7 @@
 """What all tests share: the same examples on every run, and a site to measure."""
 
 import json
+import signal
 import zipfile
 
 import jsonschema
@@ -13,6 +14,10 @@ from hypothesis import settings
 from terrains import EAST, LEVEL, NORTH, Errors, survey
 
 from quantify_client.cli import main
+
+# What a shell starts in the background ignores Ctrl-C, and so would every process of the tests.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # A red build must be red again when it is run again, on any machine however slow.
 settings.register_profile("ci", derandomize=True, deadline=None, print_blob=True)

@@ -202,16 +202,10 @@ def _task_options(given: List[Tuple[str, str]]) -> Dict[str, str]:
 
 
 def _said(plan: Plan, control: Optional[ControlPlan], options: Mapping[str, Any]) -> List[str]:
-    lines = plan.lines()
-    if control is not None:
-        lines = [f"Control: {control.said}" if _is_control(line) else line for line in lines]
     chosen = {key: value for key, value in options.items() if value != getattr(Options(), key)}
     words = ", ".join(f"{key} {value}" for key, value in chosen.items())
+    lines = plan.lines(control.said if control else None)
     return [*lines, f"Measured afterwards: {words or 'the whole site'}"]
-
-
-def _is_control(line: str) -> bool:
-    return line.startswith("Control:")
 
 
 def _show_plan(plan: Plan, lines: List[str], given: argparse.Namespace) -> int:

@@ -56,8 +56,8 @@ class Plan:
     project: Optional[int] = None
     label: str = "Node"
 
-    def lines(self) -> List[str]:
-        """Summarise the job for people."""
+    def lines(self, control: Optional[str] = None) -> List[str]:
+        """Summarise the job for people; `control` tells what becomes of theirs."""
         photos = self.photos
         cameras = ", ".join(f"{name} ({count})" for name, count in photos.cameras.items())
         shown = " ".join(f"{name}={_word(value)}" for name, value in sorted(self.options.items()))
@@ -65,7 +65,7 @@ class Plan:
             f"{self.label}: {self.url} {self.engine}".rstrip(),
             f"Photographs: {len(photos.photos)}, {photos.size / 1e6:.1f} MB, "
             f"{photos.with_gps} with GPS, from {cameras}",
-            f"Control: {self.gcp}" if self.gcp else "Control: none is sent",
+            f"Control: {control or self.gcp or 'none is sent'}",
             f"Options: {shown}",
             f"Result: {'what measuring needs' if self.outputs else 'everything'}",
             *(f"Note: {note}" for note in (*self.notes, *photos.warnings)),
