@@ -81,6 +81,7 @@ def test_voids_are_left_out_where_asked(name: str, count: int) -> None:
     assert error_of(result, body.hollow) < limit(name, count)
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("name", ["torus, lying", "four legs"])
 def test_hollow_changes_nothing_where_there_is_no_void(name: str) -> None:
     points = scan(BODIES[name](), 8_000, seed=1005)
@@ -94,6 +95,7 @@ NOISE, OUTLIERS, GRADIENT = Flaws(noise=0.01), Flaws(outliers=0.01), Flaws(gradi
 FLAWS = {"noise": NOISE, "outliers": OUTLIERS, "gradient": GRADIENT}
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("flaws", FLAWS.values(), ids=FLAWS)
 @pytest.mark.parametrize("name", ["sphere", "L-prism", "torus, standing"])
 def test_flaws_of_clouds(name: str, flaws: Flaws) -> None:
@@ -117,6 +119,7 @@ def test_strays_are_counted() -> None:
     assert result.points_used + left_out == FEW + 200
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("name", ["sphere", "cube", "torus, lying"])
 def test_a_hole_of_a_fifth_is_closed(name: str) -> None:
     body = BODIES[name]()
@@ -155,6 +158,7 @@ def test_a_cube_on_the_ground_without_its_underside(floor: Optional[str]) -> Non
     assert error_of(result, 1.0) < 2.0
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("name", ["four legs", "cup"])
 def test_a_whole_body_keeps_its_faces_that_are_flat(name: str) -> None:
     """A table's top, or a cup's bottom, is not taken for ground."""

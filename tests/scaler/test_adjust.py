@@ -194,6 +194,7 @@ def test_check_lengths_take_no_part_and_are_reported() -> None:
 # --- what is wrong
 
 
+@pytest.mark.one_python
 def test_sigmas_that_are_too_small_are_raised() -> None:
     """Of every tape three times; the scale's std follows."""
     raised, ratio = [], []
@@ -233,6 +234,7 @@ def test_wrong_elevation_among_five_is_found(seed: int) -> None:
     assert abs(found.factor - truth.factor) < 3.0 * found.std
 
 
+@pytest.mark.one_python
 def test_wrong_position_is_found() -> None:
     truth = survey(2)
     horizontal = truth.network.horizontal.copy()
