@@ -144,8 +144,8 @@ def test_nothing_but_webodms_own_is_imported_when_the_plugin_loads():
 
 
 STANDARD = {
-    *("base64", "binascii", "contextlib", "fcntl", "functools", "hashlib", "importlib", "json"),
-    *("math", "os", "pathlib", "re"),
+    *("base64", "binascii", "contextlib", "copy", "fcntl", "functools", "hashlib", "importlib"),
+    *("json", "logging", "math", "os", "pathlib", "re"),
     *("shutil", "time", "unicodedata", "uuid"),
 }
 
