@@ -1,9 +1,9 @@
 """Uploading beside a bare HTTP client, and the memory that it takes.
 
 Run it with ``python benchmarks/upload.py --images 500 --mb 5``. A NodeODM stand-in (that of the
-tests, in a process of its own, which throws away what it is sent, so that no disk is measured)
-takes the same photographs from a bare client of four connections and from a job with its journal;
-they take turns, and each line is one round.
+tests, in a process of its own) takes the same photographs from a bare client of four connections
+and from a job with its journal; they take turns, each line is one round, the last one all of them.
+``--discard`` has the stand-in throw away what it is sent, so that its disk is not measured.
 """
 
 from __future__ import annotations
@@ -41,7 +41,8 @@ def swallow(self, place, length, path, name):
     while left:
         left -= len(self.rfile.read(min(1 << 18, left)))
 
-Handler._receive = swallow
+if len(sys.argv) > 3:
+    Handler._receive = swallow
 node = NodeODM(sys.argv[2], archive=all_zip())
 node.start()
 print(node.url, flush=True)
@@ -139,7 +140,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--images", type=int, default=500)
     parser.add_argument("--mb", type=float, default=5.0)
-    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--rounds", type=int, default=4)
+    parser.add_argument("--discard", action="store_true")
     given = parser.parse_args()
     total = given.images * given.mb
     with tempfile.TemporaryDirectory() as scratch:
@@ -147,12 +149,14 @@ def main() -> None:
         (folder / "photos").mkdir()
         photographs(folder / "photos", given.images, int(given.mb * 1e6))
         server = subprocess.Popen(
-            [sys.executable, "-c", SERVER, str(TESTS), str(folder / "node")],
+            [sys.executable, "-c", SERVER, str(TESTS), str(folder / "node")]
+            + ["discard"] * given.discard,
             stdout=subprocess.PIPE,
             text=True,
         )
         try:
             url = server.stdout.readline().strip()  # type: ignore[union-attr]
+            spent = [0.0, 0.0]
             for turn in range(given.rounds):
                 plain = bare(url, folder / "photos")
                 ours, peak = job(url, folder / "photos", folder / f"job{turn}")
@@ -160,6 +164,8 @@ def main() -> None:
                     f"bare {total / plain:.0f} MB/s, job {total / ours:.0f} MB/s: "
                     f"{100 * plain / ours:.0f} % of it; peak {peak} MB"
                 )
+                spent = [spent[0] + plain, spent[1] + ours]
+            print(f"in all {100 * spent[0] / spent[1]:.0f} %")
         finally:
             server.kill()
 

@@ -15,7 +15,7 @@ import threading
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any, Dict, Iterator, Mapping, Optional, Set, Tuple
+from typing import Any, Dict, Iterator, Mapping, Optional, Sequence, Set, Tuple
 
 from ..errors import JobError, OutputError
 
@@ -181,33 +181,34 @@ class SentLog:
         """Names that were begun and not acknowledged."""
         return self.begun - self.done
 
-    def begin(self, name: str) -> None:
-        """Note that a file is about to be sent; on the disk when this returns."""
-        self._put({"begin": name}, surely=True)
+    def begin(self, *names: str) -> None:
+        """Note that files are about to be sent; on the disk when this returns."""
+        self._put([{"begin": name} for name in names], surely=True)
 
     def finish(self, name: str) -> None:
         """Note that the node has acknowledged a file; a power cut may make its fate unknown."""
-        self._put({"done": name})
+        self._put([{"done": name}])
 
-    def retract(self, name: str) -> None:
-        """Note that nothing of a file that was begun has left."""
-        self._put({"unsent": name})
+    def retract(self, *names: str) -> None:
+        """Note that nothing of files that were begun has left."""
+        self._put([{"unsent": name} for name in names])
 
     def close(self) -> None:
         """Take nothing more."""
         with self._lock:
             self._file.close()
 
-    def _put(self, entry: Dict[str, str], *, surely: bool = False) -> None:
-        line = json.dumps(entry).encode() + b"\n"
+    def _put(self, entries: Sequence[Dict[str, str]], *, surely: bool = False) -> None:
+        lines = [json.dumps(entry).encode() + b"\n" for entry in entries]
         with _explaining(self._folder):
             with self._lock:
                 if self._file.closed:
                     return
-                self._file.write(line)
+                self._file.write(b"".join(lines))
                 self._file.flush()
                 handle = os.dup(self._file.fileno()) if surely else None
-                self._take(line)
+                for line in lines:
+                    self._take(line)
             if handle is not None:  # outside the lock, so that threads wait for the disk together
                 try:
                     _to_disk(handle)

@@ -28,6 +28,7 @@ from .servers import TaskServer
 __all__ = ["StartAgainError", "commit", "require_unchanged", "send_all"]
 
 PARALLEL = 4
+AHEAD = 4  # files noted at once as about to be sent: each note waits for the disk
 JOIN_S = 2.0
 REPORT_S = 0.2
 TRIES = 20  # of one file, while the server answers in between
@@ -161,13 +162,15 @@ class _Sending:
         if self._failure is not None:
             raise self._failure
 
-    def send(self, file: SentFile) -> bool:
-        """Send one file; False when its fate is unknown."""
+    def send(self, file: SentFile, *, noted: bool = False) -> bool:
+        """Send one file, which the log may have already; False when its fate is unknown."""
         tries = 0
         while not self._ended():
             if self._patience.is_tried:
                 self._patience.through(self._node.info)
-            self.log.begin(file.name)
+            if not noted:
+                self.log.begin(file.name)
+            noted = False
             try:
                 self._node.upload(
                     self._job.uuid,
@@ -199,17 +202,29 @@ class _Sending:
         return False
 
     def _work(self) -> None:
+        mine: List[SentFile] = []
         try:
             while not self._ended():
-                with self._lock:
-                    file = self._queue.popleft() if self._queue else None
-                if file is None:
+                mine = mine or self._some()
+                if not mine:
                     return
-                self.send(file)
+                self.send(mine.pop(0), noted=True)
         except StoppedError:
             return
         except BaseException as error:
             self._failure = self._failure or _translated(error)
+        finally:
+            if mine:
+                self.log.retract(*(file.name for file in mine))
+
+    def _some(self) -> List[SentFile]:
+        """Take the next few files, fewer towards the end, and note that they will be sent."""
+        with self._lock:
+            count = min(AHEAD, max(1, len(self._queue) // (2 * PARALLEL)), len(self._queue))
+            files = [self._queue.popleft() for _ in range(count)]
+        if files:
+            self.log.begin(*(file.name for file in files))
+        return files
 
     def _ended(self) -> bool:
         return self._stopped.is_set() or self._failure is not None
