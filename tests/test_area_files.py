@@ -96,6 +96,7 @@ json_values = st.recursive(
 )
 
 
+@pytest.mark.one_python
 @settings(deadline=None)
 @given(json_values.filter(lambda value: isinstance(value, dict)))
 def test_no_document_escapes_the_error_tree(document):

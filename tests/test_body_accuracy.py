@@ -104,6 +104,7 @@ def test_flaws_of_clouds(name: str, flaws: Flaws) -> None:
     assert error_of(result, body.volume) < 1.5
 
 
+@pytest.mark.one_python
 @NEEDS_BUNNY
 @pytest.mark.parametrize("flaws", FLAWS.values(), ids=FLAWS)
 def test_flaws_of_clouds_of_the_bunny(flaws: Flaws) -> None:
@@ -130,6 +131,7 @@ def test_a_hole_of_a_fifth_is_closed(name: str) -> None:
 # --- where it stands
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("tilt", [0.0, 12.0])
 @pytest.mark.parametrize("floor", ["auto", "plane"])
 def test_a_sphere_without_its_lowest_tenth_stands_on_the_ground(floor: str, tilt: float) -> None:
@@ -138,6 +140,7 @@ def test_a_sphere_without_its_lowest_tenth_stands_on_the_ground(floor: str, tilt
     assert error_of(result, BODIES["sphere"]().volume) < 3.0
 
 
+@pytest.mark.one_python
 def test_a_noisy_scan_of_a_sphere_with_its_ground() -> None:
     flaws = Flaws(noise=0.005, outliers=0.005, missing=0.1, ground=2.5, tilt=5.0)
     result = volume_of(scan(BODIES["sphere"](), 10_000, seed=1032, flaws=flaws))
@@ -171,6 +174,7 @@ def test_a_whole_body_keeps_its_faces_that_are_flat(name: str) -> None:
 # --- the bodies themselves
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("name", ALL)
 def test_points_lie_evenly_on_an_area_as_large_as_stated(name: str) -> None:
     body = BODIES[name]()
@@ -187,6 +191,7 @@ def test_convex_bodies_fill_their_hulls() -> None:
         assert hull.volume == pytest.approx(body.volume, rel=0.005)
 
 
+@pytest.mark.one_python
 def test_volumes_of_unions_by_random_points() -> None:
     boxes = [box_part((0, 0, 0), (1, 0.5, 0.3)), box_part((0, 0, 0.2), (0.3, 0.5, 1))]
     volume, std = union_volume(boxes)

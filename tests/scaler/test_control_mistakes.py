@@ -280,6 +280,7 @@ def test_any_tree_is_read_or_refused(tree, name, tmp_path_factory) -> None:
     reads_or_refuses(path)
 
 
+@pytest.mark.one_python
 @given(
     form=st.sampled_from([(EXAMPLE, "m.yaml"), (as_json(), "m.json"), (GCP_LIST, "m.txt")]),
     cuts=st.lists(

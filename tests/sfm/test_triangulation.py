@@ -160,6 +160,7 @@ def test_errors_are_as_large_as_promised(name: str, tmp_path: Path) -> None:
     assert sum(bool(s.warnings) for s in sightings.values()) <= 3
 
 
+@pytest.mark.one_python
 def test_what_all_points_miss_by_widens_every_covariance(shots: Shots) -> None:
     """Picks of 2 px, promised as 0.5: errors are still as large as the covariance says."""
     random = np.random.default_rng(4)
