@@ -11,9 +11,12 @@ from beach import frame_of
 from clouds import write_las
 from commands import PILE, SCHEMA, UTM, features
 from hypothesis import settings
+from known_task import make_task
+from nodeodm import TOKEN, NodeODM
 from terrains import EAST, LEVEL, NORTH, Errors, survey
 
 from quantify_client.cli import main
+from quantify_client.jobs import Pace
 
 # What a shell starts in the background ignores Ctrl-C, and so would every process of the tests.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -71,6 +74,27 @@ def project(site, tmp_path_factory):
             archive.write(file, f"odm_georeferencing/{file.name}")
         archive.writestr("odm_report/stats.json", "{}")
     return root
+
+
+@pytest.fixture(scope="session")
+def known(tmp_path_factory):
+    """A site of known volume: what a person has of it, and what a node makes of that."""
+    return make_task(tmp_path_factory.mktemp("known"))
+
+
+@pytest.fixture
+def node(known, tmp_path):
+    """A node that makes the known site of whatever it is sent."""
+    with NodeODM(tmp_path / "node", archive=known.archive, token=TOKEN).running() as node:
+        yield node
+
+
+@pytest.fixture
+def quick_jobs(monkeypatch):
+    """Have the commands ask and try again faster than people want it."""
+    from quantify_client.commands import jobs
+
+    monkeypatch.setattr(jobs, "PACE", Pace(poll_s=0.02, pause_s=0.01, silence_s=2.0))
 
 
 @pytest.fixture

@@ -16,28 +16,15 @@ import time
 import jsonschema
 import pytest
 from commands import SCHEMA
-from known_task import VOLUME_M3, control_of, make_task, places
-from nodeodm import TOKEN, NodeODM
+from known_task import VOLUME_M3, control_of, places
+from nodeodm import TOKEN
 from photographs import photograph
 
 from quantify_client.commands import jobs
-from quantify_client.jobs import Pace
-
-
-@pytest.fixture(scope="module")
-def known(tmp_path_factory):
-    return make_task(tmp_path_factory.mktemp("known"))
-
-
-@pytest.fixture
-def node(known, tmp_path):
-    with NodeODM(tmp_path / "node", archive=known.archive, token=TOKEN).running() as node:
-        yield node
 
 
 @pytest.fixture(autouse=True)
-def quick(monkeypatch):
-    monkeypatch.setattr(jobs, "PACE", Pace(poll_s=0.02, pause_s=0.01, silence_s=2.0))
+def token(quick_jobs, monkeypatch):
     monkeypatch.setenv("QUANTIFY_NODE_TOKEN", TOKEN)
 
 

@@ -5,16 +5,8 @@ from __future__ import annotations
 import json
 
 import pytest
-from known_task import VOLUME_M3, make_task
+from known_task import VOLUME_M3
 from webodm import PASSWORD, USER, WebODM
-
-from quantify_client.commands import jobs
-from quantify_client.jobs import Pace
-
-
-@pytest.fixture(scope="module")
-def known(tmp_path_factory):
-    return make_task(tmp_path_factory.mktemp("known"))
 
 
 @pytest.fixture
@@ -24,8 +16,7 @@ def server(known):
 
 
 @pytest.fixture(autouse=True)
-def surveyor(monkeypatch):
-    monkeypatch.setattr(jobs, "PACE", Pace(poll_s=0.02, pause_s=0.01, silence_s=2.0))
+def surveyor(quick_jobs, monkeypatch):
     monkeypatch.setenv("QUANTIFY_WEBODM_USER", USER)
     monkeypatch.setenv("QUANTIFY_WEBODM_PASSWORD", PASSWORD)
 

@@ -67,6 +67,15 @@ def test_line_that_a_power_cut_tore_is_dropped_and_written_over(tmp_path, cut):
         assert "3" in log.done
 
 
+def test_files_noted_together_and_given_back_are_of_known_fate(tmp_path):
+    with SentLog(tmp_path, 1, 500) as log:
+        log.begin("a", "b", "c")
+        log.finish("a")
+        log.retract("b", "c")
+    with SentLog(tmp_path, 1, 500) as log:
+        assert (log.done, log.unknown) == ({"a"}, set())
+
+
 def test_log_that_is_closed_takes_nothing_more(tmp_path):
     log = SentLog(tmp_path, 1)
     log.close()
