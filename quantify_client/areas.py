@@ -27,6 +27,7 @@ from .crs import (
 )
 from .errors import AreaError, CrsError
 from .geojson import Outline, geojson_outlines, read_geojson
+from .kml import read_kml
 from .types import AreaFailure, Bounds, FloatArray
 from .vector import VECTOR_SUFFIXES, read_vector
 
@@ -75,7 +76,7 @@ def read_areas(area: Any, frame: Frame, bounds: Optional[Bounds]) -> AreaSet:
 
     Parameters
     ----------
-    area : path to GeoJSON, or with pyogrio to .shp, .gpkg, .kml, .dxf or .fgb; a GeoJSON-like
+    area : path to GeoJSON or .kml, or with pyogrio to .shp, .gpkg, .dxf or .fgb; a GeoJSON-like
         mapping; or a shapely Polygon or MultiPolygon, which is in the frame already.
     frame : of the cloud.
     bounds : of the cloud, in the cloud's own coordinates (:attr:`CloudInfo.bounds`); None when
@@ -127,11 +128,11 @@ def _outlines(area: Any) -> Tuple[List[Outline], List[str], str]:
             "shapely polygon"
         )
     path = Path(os.fsdecode(area))
+    if path.suffix.lower() == ".kml":
+        return read_kml(path), [], path.name
     if path.suffix.lower() in VECTOR_SUFFIXES:
-        outlines, notes = read_vector(path)
-    else:
-        outlines, notes = read_geojson(path), []
-    return outlines, notes, path.name
+        return (*read_vector(path), path.name)
+    return read_geojson(path), [], path.name
 
 
 def _given(geometry: Any, box: Any) -> AreaSet:

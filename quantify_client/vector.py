@@ -1,21 +1,37 @@
-"""Shapefile, GeoPackage, KML, DXF and FlatGeobuf -> outlines, through pyogrio when installed."""
+"""Shapefile, GeoPackage, DXF and FlatGeobuf -> outlines, through pyogrio when installed."""
 
 from __future__ import annotations
 
+import re
+import sqlite3
 import warnings
+from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import Any, List, Optional, Tuple
+from typing import Any, Iterator, List, Optional, Tuple
 
 import numpy as np
 import shapely
 
 from .errors import AreaError, MissingExtraError
-from .geojson import MAX_POLYGONS, MAX_VERTICES, Outline, check_file
+from .geojson import MAX_BYTES, MAX_POLYGONS, MAX_VERTICES, Outline, check_file
+from .signatures import private_copy, require_signature
 
 __all__ = ["VECTOR_SUFFIXES", "read_vector"]
 
 # Formats that hold their data themselves: others (GML, VRT) can point to files and servers.
-VECTOR_SUFFIXES = (".shp", ".gpkg", ".kml", ".dxf", ".fgb")
+VECTOR_SUFFIXES = (".shp", ".gpkg", ".dxf", ".fgb")
+
+#: What belongs to a file: a shapefile's columns, index and CRS, a GeoPackage's latest changes.
+_BESIDE = {".shp": (".shx", ".dbf", ".prj", ".cpg"), ".gpkg": (".gpkg-wal",)}
+
+#: How a DXF begins, perhaps after comments (group 999).
+_DXF = re.compile(rb"(?:\xef\xbb\xbf)?(?:\s*999[ \t]*\r?\n[^\n]*\n)*\s*0[ \t]*\r?\n[ \t]*SECTION\s")
+
+#: Comments of our own before a DXF's: GDAL tells other formats by words in the first kilobytes.
+_DXF_LEAD = b"999\noutlines\n" * 10_000
+
+#: The only virtual table that a GeoPackage needs: the index of its geometries.
+_VIRTUAL = re.compile(r"create\s+virtual\s+table\s.*\susing\s+\W?rtree\W", re.I | re.S)
 
 
 def read_vector(path: Path) -> Tuple[List[Outline], List[str]]:
@@ -33,7 +49,7 @@ def read_vector(path: Path) -> Tuple[List[Outline], List[str]]:
     MissingExtraError
         When pyogrio is not installed.
     """
-    check_file(path)
+    data = check_file(path)
     path = path.resolve()
     try:
         import pyogrio
@@ -44,18 +60,88 @@ def read_vector(path: Path) -> Tuple[List[Outline], List[str]]:
             "or export the polygons as GeoJSON"
         ) from error
     outlines: List[Outline] = []
-    with warnings.catch_warnings(record=True) as caught:
+    with _readable(path, data) as copy, warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            for layer, geometry_type in pyogrio.list_layers(path):
+            for layer, geometry_type in pyogrio.list_layers(copy):
                 if geometry_type is not None:
-                    table = read(path, layer=layer, force_2d=True, max_features=MAX_POLYGONS + 1)
+                    table = read(copy, layer=layer, force_2d=True, max_features=MAX_POLYGONS + 1)
                     outlines += _layer_outlines(path, *table)
         except (ValueError, RuntimeError) as error:  # pyogrio's own errors are among them
             raise _unreadable(path, error) from error
     _check_size(path, outlines)
-    notes = {" ".join(str(w.message).split())[:200] for w in caught}
+    notes = {" ".join(str(w.message).replace(str(copy), path.name).split())[:200] for w in caught}
     return outlines, [f"{path.name}: {note}" for note in sorted(notes)]
+
+
+@contextmanager
+def _readable(path: Path, data: bytes) -> Iterator[Path]:
+    """Give a copy that only the driver of its ending opens, and that refers to nothing else."""
+    ending = path.suffix.lower()
+    if ending != ".dxf":
+        require_signature(path, data, AreaError)
+    elif _DXF.match(data):
+        data = _DXF_LEAD + data.lstrip(b"\xef\xbb\xbf \t\r\n")
+    else:
+        raise AreaError(
+            f"{path.name} is no DXF in text form: it begins with {data[:12]!r}, expected a "
+            "section; export it as ASCII DXF or GeoJSON"
+        )
+    journal = path.with_name(f"{path.name}-journal")
+    if ending == ".gpkg" and journal.is_file() and journal.stat().st_size:
+        raise AreaError(
+            f"{path.name} is being changed by another program, or was when that broke off "
+            f"({journal.name}); open and close it there first, or export the polygons as GeoJSON"
+        )
+    beside = _BESIDE.get(ending, ())
+    with private_copy(path, data, beside=beside, most=MAX_BYTES, error=AreaError) as copy:
+        if ending == ".gpkg":
+            _require_tables(path, copy)
+        yield copy
+
+
+def _require_tables(path: Path, copy: Path) -> None:
+    """Refuse a GeoPackage that computes what it shows: SQL functions can read files and servers.
+
+    Views and triggers that no layer needs are dropped from the copy.
+    """
+    try:
+        with closing(sqlite3.connect(str(copy))) as database:
+            database.execute("PRAGMA trusted_schema = OFF")
+            entries = database.execute("SELECT type, name, sql FROM sqlite_master").fetchall()
+            layers = {name.lower() for (name,) in database.execute(_LAYERS)}
+            for kind, name, sql in entries:
+                if kind == "table" and not _is_plain(database, name, sql or ""):
+                    raise _computed(path, name)
+                if kind == "view" and name.lower() in layers:
+                    raise _computed(path, name)
+            for kind, name, _ in entries:
+                if kind in ("view", "trigger"):
+                    quoted = name.replace('"', '""')
+                    database.execute(f'DROP {kind} IF EXISTS "{quoted}"')
+            database.commit()
+    except (sqlite3.Error, ValueError) as error:
+        if isinstance(error, AreaError):
+            raise
+        raise _unreadable(path, error) from error
+
+
+_LAYERS = "SELECT table_name FROM gpkg_contents WHERE table_name IS NOT NULL"
+
+
+def _is_plain(database: sqlite3.Connection, name: str, sql: str) -> bool:
+    """Whether a table holds its values, none of them generated when asked for."""
+    if sql.lower().split()[:2] == ["create", "virtual"]:
+        return _VIRTUAL.match(sql) is not None
+    hidden = database.execute("SELECT 1 FROM pragma_table_xinfo(?) WHERE hidden > 1", (name,))
+    return hidden.fetchone() is None
+
+
+def _computed(path: Path, name: str) -> AreaError:
+    return AreaError(
+        f"{path.name}: {name[:60]!r} is computed by the database (a view, a virtual table or a "
+        "generated column); expected a table of polygons: export them as GeoJSON"
+    )
 
 
 def _unreadable(path: Path, error: Exception) -> AreaError:
