@@ -28,14 +28,13 @@ from .crs import (
 from .errors import AreaError, CrsError
 from .geojson import Outline, geojson_outlines, read_geojson
 from .kml import read_kml
-from .types import AreaFailure, Bounds, FloatArray
+from .types import MAX_COORDINATE, AreaFailure, Bounds, FloatArray
 from .vector import VECTOR_SUFFIXES, read_vector
 
-__all__ = ["Area", "AreaSet", "read_areas", "require_polygons"]
+__all__ = ["Area", "AreaSet", "far_corner", "read_areas", "require_polygons"]
 
 _WGS84 = "OGC:CRS84"
 _MAX_NAME = 80
-_MAX_COORDINATE = 1e10
 _COARSE_M = 1.0  # of a datum transformation; most areas are drawn to a decimetre or better
 _FAULTS = {
     "Self-intersection": "crosses itself near {at}; redraw it",
@@ -244,7 +243,7 @@ def _judged(polygon: Any) -> Tuple[Any, str]:
     coordinates = shapely.get_coordinates(polygon)
     if not len(coordinates):
         return polygon, "is empty; draw its polygon"
-    if not (np.isfinite(coordinates).all() and np.abs(coordinates).max() <= _MAX_COORDINATE):
+    if not (np.isfinite(coordinates).all() and np.abs(coordinates).max() <= MAX_COORDINATE):
         return polygon, "has a coordinate that is infinite or not a number; redraw it"
     size = math.hypot(*np.ptp(coordinates, axis=0))
     for part in shapely.get_parts(polygon):
@@ -272,11 +271,39 @@ def _fault(polygon: Any) -> str:
 
 
 def _outside(polygon: Any, box: Any) -> str:
-    if box is None or _overlap(polygon.bounds, box):
+    if box is None:
         return ""
+    if _overlap(polygon.bounds, box):
+        return far_corner(polygon, box)
     return (
         f"lies outside the cloud: it covers {_range(polygon.bounds)}, the cloud {_range(box)}; "
         "draw it on the cloud, or correct its CRS"
+    )
+
+
+def far_corner(polygon: Any, box: Any) -> str:
+    """Return what is wrong with a polygon that reaches absurdly far beyond its points, or "".
+
+    Nothing can be measured out there, and cells for all of it would be too large for what lies
+    on the points, and for the other areas. A corner that is further away than the points are
+    wide was not drawn on them.
+
+    Parameters
+    ----------
+    polygon : in the frame.
+    box : of the points, as min x, min y, max x, max y.
+    """
+    wide = max(box[2] - box[0], box[3] - box[1])
+    low, high = np.array(box[:2]), np.array(box[2:])
+    corners = shapely.get_coordinates(polygon)
+    away = np.maximum(np.maximum(low - corners, corners - high), 0.0).max(axis=1)
+    furthest = int(np.argmax(away))
+    if away[furthest] <= wide:
+        return ""
+    return (
+        f"has a corner {_metres(away[furthest])} outside the cloud (at {_at(*corners[furthest])}), "
+        f"which is {_metres(wide)} wide; move that corner to where it belongs, or end the area "
+        "near the edge of the cloud"
     )
 
 
@@ -345,6 +372,12 @@ def _overlap(a: Any, b: Any) -> bool:
 
 def _number(value: float) -> str:
     return f"{value:.6f}".rstrip("0").rstrip(".") if abs(value) <= 360 else f"{value:.2f}"
+
+
+def _metres(length: float) -> str:
+    if length < 1000:
+        return f"{length:.3g} m"
+    return f"{length / 1000:.3g} km" if length < 1e6 else f"{length / 1000:,.0f} km"
 
 
 def _at(x: float, y: float) -> str:

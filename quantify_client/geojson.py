@@ -19,7 +19,7 @@ import shapely
 
 from .errors import AreaError
 from .small_files import read_small
-from .types import FloatArray
+from .types import MAX_COORDINATE, FloatArray
 
 __all__ = [
     "MAX_BYTES",
@@ -34,7 +34,6 @@ __all__ = [
 MAX_BYTES = 100_000_000
 MAX_VERTICES = 1_000_000
 MAX_POLYGONS = 10_000
-_MAX_COORDINATE = 1e10  # beyond any map in millimetres; products of two stay exact enough
 _MAX_NESTING = 16
 _GEOMETRIES = "Point MultiPoint LineString MultiLineString Polygon MultiPolygon".split()
 
@@ -255,7 +254,7 @@ def _position(position: Any) -> Tuple[float, float]:
         x, y = float(x), float(y)
     except OverflowError:
         x = math.inf
-    if not (abs(x) <= _MAX_COORDINATE and abs(y) <= _MAX_COORDINATE):
+    if not (abs(x) <= MAX_COORDINATE and abs(y) <= MAX_COORDINATE):
         raise _UnusableError(
             "has a coordinate that is infinite, not a number or absurdly large; redraw it"
         )

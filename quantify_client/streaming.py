@@ -130,8 +130,8 @@ def gather(
 def nothing_usable() -> CloudError:
     """Return the error of a cloud that only has points to be left out."""
     return CloudError(
-        "every point of the cloud is noise or withheld; expected points to measure: check the "
-        "classification"
+        "every point of the cloud is noise or withheld, or beyond any map; expected points to "
+        "measure: check the classification and the coordinates"
     )
 
 

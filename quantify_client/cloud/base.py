@@ -16,13 +16,14 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import CloudError, QuantifyError
-from ..types import Bounds, Chunk, CloudInfo, FloatArray, Window
+from ..types import MAX_COORDINATE, Bounds, Chunk, CloudInfo, FloatArray, Window
 
 DEFAULT_CHUNK = 1_000_000
 """Points in a chunk: enough to hide the cost of Python, few enough to stay far below 100 MB."""
 
 NOISE = "noise class"
 WITHHELD = "withheld"
+OFF_THE_MAP = "coordinate beyond any map"
 _NOISE_CLASSES = (7, 18)  # ASPRS: low point (noise) and high noise
 
 
@@ -71,6 +72,9 @@ def sort_out(
 ) -> Chunk:
     """Make a chunk of what is to be measured, and count the rest.
 
+    Points with a coordinate that no place on the Earth has, in no unit, are left out: a box round
+    them would be of no use to the others.
+
     Parameters
     ----------
     x : (N,) float64
@@ -86,15 +90,27 @@ def sort_out(
         noise.
     """
     noise = _IS_NOISE[classes] if classes is not None else None
-    if (noise is None or not noise.any()) and (withheld is None or not withheld.any()):
+    on_map = _all_on_map(x, y, z)
+    if on_map and (noise is None or not noise.any()) and (withheld is None or not withheld.any()):
         return Chunk(x, y, z)
     if noise is None:
         noise = np.zeros(len(x), dtype=bool)
     held = np.zeros(len(x), dtype=bool) if withheld is None else withheld & ~noise
     keep = ~(noise | held)
     counts = {NOISE: int(noise.sum()), WITHHELD: int(held.sum())}
+    if not on_map:
+        off = keep & ~np.logical_and.reduce([np.abs(axis) <= MAX_COORDINATE for axis in (x, y, z)])
+        counts[OFF_THE_MAP] = int(off.sum())
+        keep &= ~off
     left_out = {reason: count for reason, count in counts.items() if count}
     return Chunk(x[keep], y[keep], z[keep], left_out)
+
+
+def _all_on_map(*axes: FloatArray) -> bool:
+    return all(
+        not len(axis) or (axis.min() >= -MAX_COORDINATE and axis.max() <= MAX_COORDINATE)
+        for axis in axes
+    )
 
 
 def require_finite(path: Path, x: FloatArray, y: FloatArray, z: FloatArray, first: int) -> None:

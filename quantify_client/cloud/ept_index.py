@@ -8,14 +8,13 @@ nothing outside the set's folder is opened, not even through a link. Where the s
 from __future__ import annotations
 
 import json
-import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, Optional, Set, Tuple
 
 from ..errors import CloudError
-from ..types import Bounds
+from ..types import MAX_COORDINATE, Bounds
 from .base import naming
 
 AGAIN = "expected a complete EPT set: copy or export the folder again"
@@ -197,7 +196,7 @@ def _box(source: Path, values: Any) -> Bounds:
     box = [float(value) for value in values]
     if (
         len(box) != 6
-        or not all(map(math.isfinite, box))
+        or not all(abs(value) <= MAX_COORDINATE for value in box)
         or any(low > high for low, high in zip(box[:3], box[3:]))
     ):
         raise CloudError(f"{source}: its bounds {str(values)[:80]} are no box; {AGAIN}")

@@ -16,7 +16,7 @@ import lazrs
 import numpy as np
 
 from ..errors import CloudError
-from ..types import Bounds
+from ..types import MAX_COORDINATE, Bounds
 from .base import naming
 
 AGAIN = "expected a complete LAS 1.0-1.4 or LAZ file: copy, download or export it again"
@@ -48,7 +48,8 @@ class LasLayout:
     def bounds(self) -> Optional[Bounds]:
         """The header's box, or None where it cannot be one."""
         low, high = np.asarray(self.header.mins), np.asarray(self.header.maxs)
-        if not (np.isfinite(low).all() and np.isfinite(high).all() and (low <= high).all()):
+        reach = np.abs([low, high])
+        if not ((reach <= MAX_COORDINATE).all() and (low <= high).all()):
             return None
         return Bounds(*low.tolist(), *high.tolist())
 

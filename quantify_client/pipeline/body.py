@@ -33,6 +33,10 @@ _LEAST_CORE = 1e-3
 #: The core holds all but this share of the points at each end of each axis, and as much room again.
 _OUTSIDE_CORE = 0.005
 
+#: Of a small cloud that share is no whole point: then so many points, and no more than this share.
+_FEW = 2.5
+_MOST_OUTSIDE = 0.05
+
 
 def measure_object(source: Source, frame: Frame, options: Options, report: Progress) -> Measurement:
     """Measure the body whose surface the whole cloud is."""
@@ -87,19 +91,23 @@ def _thinned(
     """
     low = np.array([bounds.min_x, bounds.min_y, bounds.min_z])
     high = np.array([bounds.max_x, bounds.max_y, bounds.max_z])
-    accumulator = VoxelAccumulator(low, high)
-    left_out = stream(source.cloud, frame, accumulator, None, thread_count(threads), report)
-    thinned = accumulator.thinned()
-    inner_low, inner_high = _core(thinned)
-    if np.max(inner_high - inner_low) < _LEAST_CORE * np.max(high - low):
-        accumulator = VoxelAccumulator(inner_low, inner_high)
+    while True:
+        accumulator = VoxelAccumulator(low, high)
         left_out = stream(source.cloud, frame, accumulator, None, thread_count(threads), report)
         thinned = accumulator.thinned()
-    return thinned, left_out, accumulator.seen - accumulator.placed
+        inner_low, inner_high = _core(thinned, accumulator.grain)
+        if np.max(inner_high - inner_low) >= _LEAST_CORE * np.max(high - low):
+            return thinned, left_out, accumulator.seen - accumulator.placed
+        low, high = inner_low, inner_high
 
 
-def _core(thinned: Thinned) -> Tuple[FloatArray, FloatArray]:
-    """Return the box of nearly all points, with room around."""
+def _core(thinned: Thinned, grain: float) -> Tuple[FloatArray, FloatArray]:
+    """Return the box of nearly all points, with room around.
+
+    Parameters
+    ----------
+    grain : how finely places are known, metres.
+    """
     if not len(thinned.points):
         raise CloudError(
             "no point of the cloud lies within the bounds that its header gives; expected all of "
@@ -108,11 +116,13 @@ def _core(thinned: Thinned) -> Tuple[FloatArray, FloatArray]:
     corners = []
     for axis in range(3):
         order = np.argsort(thinned.points[:, axis], kind="stable")
-        share = np.cumsum(thinned.counts[order]) / thinned.counts.sum()
-        ends = np.searchsorted(share, [_OUTSIDE_CORE, 1.0 - _OUTSIDE_CORE])
+        count = thinned.counts.sum()
+        share = np.cumsum(thinned.counts[order]) / count
+        outside = max(_OUTSIDE_CORE, min(_FEW / count, _MOST_OUTSIDE))
+        ends = np.searchsorted(share, [outside, 1.0 - outside])
         corners.append(thinned.points[order[np.minimum(ends, len(order) - 1)], axis])
     low, high = np.array(corners).T
-    room = max(float(np.max(high - low)), 1e-6)
+    room = max(float(np.max(high - low)), 4.0 * grain, 1e-6)
     return low - room, high + room
 
 

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import threading
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import astuple, replace
 from typing import List, Optional, Sequence, Tuple, Union
 
 import shapely
 from shapely import affinity
 
-from ..areas import Area, AreaSet
+from ..areas import Area, AreaSet, far_corner
 from ..crs import Frame
 from ..errors import CloudError, QuantifyError
 from ..sfm.outputs import Source
 from ..streaming import Progress, Streamed, accumulate, thread_count
 from ..types import AreaFailure, Measurement, Options, Window
+from ..volcalc.accumulate import plan_windows
 from ..volcalc.outline import cloud_outline, core_window, typical_height
 from ..volcalc.placements import measure_area
 from ..volcalc.terrain import Recipe
@@ -35,8 +36,12 @@ __all__ = ["measure_areas"]
 #: A cloud whose core fills less than this share of its box is read again, in cells fit for it ...
 _LEAST_FILLED = 0.1
 
-#: ... at most so often: each pass narrows the box a thousandfold or ends the matter.
-_PASSES = 4
+#: ... at most so often: each pass narrows the box by as many cells as it has, ten at the least, or
+#: ends the matter.
+_PASSES = 10
+
+#: Areas are read again where their cells become this many times smaller by it.
+_FINER = 0.5
 
 
 def measure_areas(source: Source, frame: Frame, options: Options, report: Progress) -> Measurement:
@@ -48,14 +53,12 @@ def measure_areas(source: Source, frame: Frame, options: Options, report: Progre
     drawn = AreaSet((), ())
     if options.area is not None:
         drawn = _shifted(drawn_areas(source, frame, options, report), anchor)
-    places = [Window(*area.polygon.bounds) for area in drawn.areas if isinstance(area, Area)]
-    failures = [area for area in drawn.areas if isinstance(area, AreaFailure)]
-    if failures and not places:
-        return measurement_of(source, frame, "terrain", None, failures, drawn.warnings)
-    warnings, areas = list(drawn.warnings), drawn.areas
-    if places:
-        streamed = _stream_areas(source, frame, places, site, anchor, options, report)
-        site = Window.around(places)
+    warnings, areas, streamed = list(drawn.warnings), drawn.areas, None
+    if areas:
+        areas, streamed = _stream_areas(source, frame, areas, site, anchor, options, report)
+        if streamed is None:
+            return measurement_of(source, frame, "terrain", None, [a for a in areas if isinstance(a, AreaFailure)], warnings)
+        site = Window.around(_places(areas))
     else:
         streamed, site = _stream_whole(source, frame, site, anchor, options, report)
         warnings += _strangers(source.cloud.info.point_count, streamed)
@@ -104,26 +107,58 @@ def _extent(window: Window) -> float:
     return (window.max_x - window.min_x) * (window.max_y - window.min_y)
 
 
+def _places(areas: Sequence[Union[Area, AreaFailure]]) -> List[Window]:
+    return [Window(*area.polygon.bounds) for area in areas if isinstance(area, Area)]
+
+
 def _stream_areas(
     source: Source,
     frame: Frame,
-    places: Sequence[Window],
+    areas: Sequence[Union[Area, AreaFailure]],
     site: Window,
     anchor: Tuple[float, float],
     options: Options,
     report: Progress,
-) -> Streamed:
-    """Return the points of the areas in their cells.
+) -> Tuple[Sequence[Union[Area, AreaFailure]], Optional[Streamed]]:
+    """Return the areas, and their points in cells; None where no area can be measured.
 
     The cells follow the cloud's mean spacing. Far strays or a wrong header make that too large,
-    the cells then crowded: the cloud is read again in cells that fit the areas.
+    or an outline that reaches out to them: the cells are then crowded, and the cloud is read
+    again in cells that fit the areas that lie on their points.
     """
     threads = thread_count(options.threads)
-    streamed = accumulate(source.cloud, frame, places, site, anchor, threads, report)
-    if streamed.accumulator.crowded:
-        site = Window.around(places)
+    places = _places(areas)
+    if not places:
+        return areas, None
+    for _ in range(_PASSES):
         streamed = accumulate(source.cloud, frame, places, site, anchor, threads, report)
-    return streamed
+        if not streamed.accumulator.crowded:
+            break
+        kept = [_on_points(area, streamed, anchor) for area in areas]
+        places = _places(kept)
+        if not places:
+            return kept, None
+        site = Window.around(places)
+        finer = plan_windows(places, site, source.cloud.info.point_count)[0].cell
+        if finer > _FINER * streamed.accumulator.grid.cell:
+            break
+        areas = kept
+    return areas, streamed
+
+
+def _on_points(
+    area: Union[Area, AreaFailure], streamed: Streamed, anchor: Tuple[float, float]
+) -> Union[Area, AreaFailure]:
+    """Return the area, or its failure where it reaches far beyond the points under it."""
+    if isinstance(area, AreaFailure):
+        return area
+    heights = streamed.accumulator.heights
+    core = core_window(heights.voxels(), heights.grid, Window(*area.polygon.bounds))
+    if core is None:
+        return area
+    box = core.shifted(*anchor)
+    problem = far_corner(affinity.translate(area.polygon, *anchor), astuple(box))
+    return AreaFailure(area.name, problem) if problem else area
 
 
 def _stream_whole(
@@ -149,7 +184,7 @@ def _stream_whole(
             )
         heights = streamed.accumulator.heights
         core = core_window(heights.voxels(), heights.grid)
-        if _extent(core) > _LEAST_FILLED * _extent(site):
+        if core is None or _extent(core) > _LEAST_FILLED * _extent(site):
             break
         site = core
     return streamed, site

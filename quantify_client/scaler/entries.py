@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Mapping, Optional, Sequence, Tuple, Union
 
 from ..errors import ControlError
+from ..types import MAX_COORDINATE
 from .trees import Node, quoted
 
 __all__ = ["Entry", "Keys", "clean_name", "near_miss", "strict_number"]
@@ -18,7 +19,6 @@ Keys = Mapping[str, Tuple[str, ...]]
 """Keys of an entry, and the headings that tables have for each, in lower case, the best first."""
 
 MAX_NAME = 100  # characters
-MAX_COORDINATE = 1e10  # beyond any map in millimetres
 MIN_LENGTH_M, MAX_LENGTH_M = 1e-6, 100_000.0
 MIN_ACCURACY = 1e-9  # its square still counts as a weight beside all others
 MAX_ELEVATION_M = 20_000.0

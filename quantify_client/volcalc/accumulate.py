@@ -127,8 +127,6 @@ class TerrainAccumulator:
 
     @property
     def crowded(self) -> bool:
-        """True when finer cells would have been possible and most hold many points."""
-        if self.grid.cell_count > MAX_CELLS / _CROWDED:
-            return False
+        """True when most occupied cells hold many points: they may be too large for the areas."""
         occupied = len(np.unique(self.heights.voxels().number))
         return self.located > _CROWDED * occupied > 0

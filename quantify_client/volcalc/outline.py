@@ -10,7 +10,7 @@ from shapely.geometry import MultiPolygon, Polygon
 
 from ..errors import SupportError
 from ..types import FloatArray, IntArray, Window
-from .grid import Grid
+from .grid import CellWindow, Grid
 from .heights import cell_heights
 from .surface import Voxels
 
@@ -22,6 +22,13 @@ _CLOSING = 2
 #: The core of a cloud is where all but this share of the points lie, along x and along y, and as
 #: much again on each side.
 _FRINGE = 0.001
+
+#: Of a small cloud that share is no whole point: then so many points, and no more than this share.
+_FEW = 2.5
+_MOST_FRINGE = 0.05
+
+#: Points of a voxel that count where a dense object must not outweigh the ground around it.
+_PLENTY = 16
 
 #: Islands smaller than this share of the largest are left out.
 _LEAST_ISLAND = 0.02
@@ -56,14 +63,30 @@ def cloud_outline(voxels: Voxels, grid: Grid, bounds: Window) -> Polygon | Multi
     return shapely.union_all(boxes)
 
 
-def core_window(voxels: Voxels, grid: Grid) -> Window:
+def core_window(voxels: Voxels, grid: Grid, bounds: Window | None = None) -> Window | None:
     """Return the box of the occupied cells, without those far from where nearly all points are.
 
     A single point a thousand kilometres away makes the box of all points, and with it the cells,
     useless.
+
+    Parameters
+    ----------
+    bounds : only cells that touch it count, dense ones no more than others; None for all.
+
+    Returns
+    -------
+    None without any points.
     """
     column, row = grid.corners(voxels.number)
-    sides = [_core(index, voxels.count) for index in (column, row)]
+    count = voxels.count
+    if bounds is not None:
+        near = CellWindow.around(bounds, grid.cell, 0)
+        within = (column >= near.first_x) & (column < near.first_x + near.nx)
+        within &= (row >= near.first_y) & (row < near.first_y + near.ny)
+        column, row, count = column[within], row[within], np.minimum(count[within], _PLENTY)
+    if not len(column):
+        return None
+    sides = [_core(index, count) for index in (column, row)]
     inside = np.ones(len(column), dtype=bool)
     for index, (low, high) in zip((column, row), sides):
         inside &= (index >= low) & (index <= high)
@@ -89,8 +112,10 @@ def typical_height(voxels: Voxels) -> float:
 def _core(index: IntArray, count: IntArray) -> tuple[float, float]:
     """Return the limits of the core along one axis, in cells."""
     order = np.argsort(index, kind="stable")
-    running: FloatArray = np.cumsum(count[order]) / count.sum()
-    low, high = index[order][np.searchsorted(running, [_FRINGE, 1 - _FRINGE])].tolist()
+    total = count.sum()
+    running: FloatArray = np.cumsum(count[order]) / total
+    fringe = max(_FRINGE, min(_FEW / total, _MOST_FRINGE))
+    low, high = index[order][np.searchsorted(running, [fringe, 1 - fringe])].tolist()
     room = high - low + 1
     return low - room, high + room
 

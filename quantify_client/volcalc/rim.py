@@ -10,12 +10,13 @@ import numpy.typing as npt
 import shapely
 from scipy import sparse
 from scipy.spatial import Delaunay, cKDTree
-from shapely.geometry import Polygon
+from shapely.geometry import MultiPolygon, Polygon
 
+from ..errors import SupportError
 from ..types import FloatArray, IntArray
 from .heights import CellHeights
 
-__all__ = ["Rim", "interpolation_along", "sample_rim"]
+__all__ = ["Rim", "interpolation_along", "require_plain_outline", "sample_rim"]
 
 #: Heights are taken from cells whose middles are within this many cells of the rim point.
 _RADIUS_CELLS = 4.5
@@ -30,8 +31,19 @@ _ROUNDS = 5
 #: Points this share inside a segment's circle are its ends.
 _IN_CIRCLE = 1e-9
 
-#: Times that ring segments missing from a Delaunay triangulation are halved.
+#: Times that ring segments missing from a Delaunay triangulation are halved, while there are no
+#: more points than this.
 _MAX_SPLITS = 12
+
+#: Points around an area, at most. A road of 10 km in cells of a decimetre has fewer; an outline
+#: that needs more goes to and fro within the same cells.
+MOST_POINTS = 250_000
+
+#: Rim points whose planes are fitted at a time: what bounds the memory.
+_AT_ONCE = 8_192
+
+#: A part without any points takes the mean of so many rim points of the others.
+_MEAN_OF = 64
 
 
 @dataclass(frozen=True)
@@ -79,13 +91,28 @@ def sample_rim(parts: Sequence[Polygon], heights: CellHeights, fraction: FloatAr
         lengths.append((ahead + np.roll(ahead, 1)) / 2)
         part.append(np.full(len(x), number))
     x, y, ring = np.concatenate(xs), np.concatenate(ys), np.concatenate(part)
-    weights, found = _local_planes(x, y, heights, fraction)
+    some = [slice(start, start + _AT_ONCE) for start in range(0, len(x), _AT_ONCE)]
+    planes = [_local_planes(x[part], y[part], heights, fraction) for part in some]
+    weights = sparse.vstack([weight for weight, _ in planes], format="csr")
+    found = np.concatenate([near for _, near in planes])
     if not found.any():
         return None
     if not found.all():
         weights = interpolation_along(found, ring) @ weights
     z = np.where(np.isfinite(heights.z), heights.z, 0.0).ravel()
     return Rim(x, y, weights @ z, np.concatenate(lengths), ring, weights, float(found.mean()))
+
+
+def require_plain_outline(geometry: Polygon | MultiPolygon, cell: float) -> None:
+    """Raise SupportError when an outline has more points, a cell apart, than can be looked at."""
+    needed = shapely.get_num_coordinates(geometry) + geometry.length / cell
+    if needed > MOST_POINTS:
+        raise SupportError(
+            f"the outline is {geometry.length:.4g} m long and has "
+            f"{shapely.get_num_coordinates(geometry):,} corners, about {needed:,.0f} points in "
+            f"cells of {cell:g} m, and at most {MOST_POINTS:,} can be measured; simplify it, or "
+            "divide the area into several"
+        )
 
 
 def _dense_ring(polygon: Polygon, step: float) -> tuple[FloatArray, FloatArray]:
@@ -99,7 +126,7 @@ def _dense_ring(polygon: Polygon, step: float) -> tuple[FloatArray, FloatArray]:
     points = points[np.any(points != np.roll(points, 1, axis=0), axis=1)]
     for _ in range(_MAX_SPLITS):
         missing = _missing_segments(points)
-        if not missing.any():
+        if not missing.any() or len(points) > MOST_POINTS:
             break
         middle = (points + np.roll(points, -1, axis=0)) / 2
         after = np.flatnonzero(missing) + 1
@@ -242,7 +269,7 @@ def _row_median(values: FloatArray, count: IntArray) -> FloatArray:
 def interpolation_along(keep: npt.NDArray[np.bool_], ring: IntArray) -> sparse.csr_matrix:
     """Return the (M, M) matrix that keeps some rim values and interpolates the others.
 
-    A ring without any kept point takes the mean of all kept ones.
+    A ring without any kept point takes the mean of kept ones on the others.
     """
     m = len(keep)
     rows, columns, shares = [np.flatnonzero(keep)], [np.flatnonzero(keep)], []
@@ -254,6 +281,7 @@ def interpolation_along(keep: npt.NDArray[np.bool_], ring: IntArray) -> sparse.c
             continue
         if not len(good):
             everyone = np.flatnonzero(keep)
+            everyone = everyone[:: max(1, len(everyone) // _MEAN_OF)]
             rows.append(np.repeat(bad, len(everyone)))
             columns.append(np.tile(everyone, len(bad)))
             shares.append(np.full(len(bad) * len(everyone), 1.0 / len(everyone)))

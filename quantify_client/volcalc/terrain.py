@@ -26,7 +26,7 @@ from .grid import Grid
 from .heights import CellHeights, cell_heights, fill_gaps, support
 from .integrate import above_mask, integrate_slices, slab_edges
 from .noise import Noise, measure_noise
-from .rim import Rim, sample_rim
+from .rim import Rim, require_plain_outline, sample_rim
 from .surface import Voxels
 from .tin import tin_integral
 from .uncertainty import BASE_MISFIT, Surface, error_budget, rim_relief
@@ -35,6 +35,10 @@ __all__ = ["Recipe", "measure_terrain"]
 
 #: Below this share of supported cells the area is refused.
 LEAST_SUPPORT = 0.5
+
+#: Fewer cells than this with more points each than that are too large for what they hold.
+_FEW_CELLS = 100
+_CROWDED = 64
 
 #: Above this share nothing is said about gaps.
 _FULL_SUPPORT = 0.95
@@ -118,7 +122,10 @@ def _survey(
 ) -> _Ground:
     """Return the surface of an area: heights, gaps, rim and noise."""
     heights = cell_heights(voxels, grid, Window(*polygon.bounds))
+    require_plain_outline(polygon, heights.window.cell)
     fraction = cell_fractions(polygon, heights.window)
+    if heights.window.cell == grid.cell:
+        _require_fine(heights, fraction)
     coverage = support(heights.count, fraction)
     if coverage < LEAST_SUPPORT:
         raise SupportError(
@@ -144,6 +151,18 @@ def _survey(
         coverage,
         points,
     )
+
+
+def _require_fine(heights: CellHeights, fraction: FloatArray) -> None:
+    """Refuse an area of a few crowded cells: far places made them so large, and hide its form."""
+    cells = float(fraction.sum())
+    inside = float((fraction * heights.count).sum())
+    if cells < _FEW_CELLS and inside > _CROWDED * max(cells, 1.0):
+        raise SupportError(
+            f"the area has {inside:.0f} points in {cells:.3g} cells of {heights.window.cell:g} m: "
+            "areas or points of the cloud that lie very far apart make the cells too large; "
+            "measure them one by one, or remove those points"
+        )
 
 
 def _measure(ground: _Ground, base_name: Union[str, float], recipe: Recipe) -> AreaResult:

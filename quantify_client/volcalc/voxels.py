@@ -128,6 +128,11 @@ class VoxelAccumulator:
             self._level += 1
 
     @property
+    def grain(self) -> float:
+        """How finely the places of points are kept, metres."""
+        return 1.0 / self._fine
+
+    @property
     def placed(self) -> int:
         """Points that lie in the box."""
         return int(self._cubes.counts.sum())
