@@ -160,8 +160,20 @@ def add_resume(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("folder", type=Path, metavar="DIR", help="the --out of a submit")
     add("--cancel", action="store_true", help="end the job, on the server too")
+    server = parser.add_mutually_exclusive_group()
+    said = "the server that the job is on; needed where no record of yours tells it"
+    server.add_argument("--node", metavar="URL", help=said)
+    server.add_argument("--webodm", metavar="URL", help=said)
+    add(
+        "--images",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="PATH",
+        help="where your photographs are, with --node or --webodm; may be repeated",
+    )
     _add_going_on(parser)
-    _add_token(parser)
+    add_access(parser)
     add("--json", action="store_true", help="one JSON document on stdout")
 
 
