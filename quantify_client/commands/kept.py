@@ -101,5 +101,5 @@ def require_own_files(folder: Path, job: Job, options: Mapping[str, Any]) -> Non
 def _no_options(folder: Path, what: str) -> JobError:
     return JobError(
         f"{folder / JOURNAL}: its options for measuring are damaged, or of another version "
-        f"({what}); measure with 'quantify-client volume {folder / ARCHIVE}' and options of your own"
+        f"({what}); measure with 'quantify-client volume {folder / ARCHIVE}' and your own options"
     )

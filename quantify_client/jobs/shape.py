@@ -137,6 +137,8 @@ def _is_place(value: Any) -> bool:
 
 
 def _shown(value: object) -> str:
+    if isinstance(value, str):
+        value = value.split("?")[0].split("@")[-1]  # an address may hold what is secret
     try:
         text = repr(value)
     except (RecursionError, ValueError):  # nested for ever; a number of thousands of digits
