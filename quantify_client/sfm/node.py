@@ -191,9 +191,7 @@ class Node:
         answer = self._json(
             "POST",
             f"/task/new/upload/{uuid}",
-            headers={"Content-Type": body.content_type},
-            bounded=False,
-            data=body,
+            upload=body,
         )
         if _object(answer, self.name).get("success") is not True:
             raise OutageError(f"{self.name}: does not confirm that {plain(name, 80)} has arrived")

@@ -143,9 +143,7 @@ class WebODMTasks:
                 uuid,
                 "POST",
                 "upload/",
-                headers={"Content-Type": body.content_type},
-                bounded=False,
-                data=body,
+                upload=body,
             )
         )
         arrived = answer.get("uploaded")

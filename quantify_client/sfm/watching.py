@@ -1,0 +1,76 @@
+"""A limit for servers that never end, however busily they go on."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any, Callable, Dict, Iterator, Protocol, TypeVar
+
+from .faults import OutageError
+from .multipart import StoppedError
+
+__all__ = ["Alive", "Told", "watched"]
+
+T = TypeVar("T")
+Alive = Callable[[], None]
+
+
+class _Body(Protocol):
+    def __len__(self) -> int: ...
+    def __iter__(self) -> Iterator[bytes]: ...
+
+
+class Told:
+    """The body of a request, telling of each block that goes out."""
+
+    def __init__(self, body: _Body, alive: Alive) -> None:
+        self._body, self._alive = body, alive
+
+    def __len__(self) -> int:
+        return len(self._body)
+
+    def __iter__(self) -> Iterator[bytes]:
+        for block in self._body:
+            yield block
+            self._alive()
+
+
+def watched(ask: Callable[[Alive], T], within_s: float, name: str) -> T:
+    """Ask, and give up when nothing has been achieved for too long: no socket's timeout sees drips.
+
+    Parameters
+    ----------
+    ask : is run in a thread, and given what it is to call for each block that has come or gone;
+        after it was given up, that raises StoppedError.
+    within_s : how long one block may take, or a whole answer of which none is told.
+    name : the server's, for the message.
+    """
+    box: Dict[str, Any] = {}
+    last = time.monotonic()
+    over = threading.Event()
+
+    def alive() -> None:
+        nonlocal last
+        if over.is_set():
+            raise StoppedError
+        last = time.monotonic()
+
+    def run() -> None:
+        try:
+            box["answer"] = ask(alive)
+        except BaseException as error:
+            box["error"] = error
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    try:
+        while thread.is_alive() and time.monotonic() < last + within_s:
+            thread.join(max(0.0, last + within_s - time.monotonic()))
+    finally:
+        over.set()
+    if "error" in box:
+        raise box["error"]
+    if "answer" not in box:
+        raise OutageError(f"{name}: has not answered in full within {within_s:.0f} s")
+    answer: T = box["answer"]
+    return answer
