@@ -89,6 +89,7 @@ def _go_on(folder: Path, given: argparse.Namespace, *, is_new: bool = False) -> 
             report=report,
             patience_h=given.patience,
             resubmit=given.resubmit,
+            most_bytes=given.max_size,
             pace=PACE,
         )
     if not is_new:

@@ -61,6 +61,7 @@ def run_job(
     report: Report = silent,
     patience_h: float = 12.0,
     resubmit: bool = False,
+    most_bytes: Optional[int] = None,
     pace: Pace = Pace(),  # noqa: B008 - frozen
 ) -> Path:
     """Go on with a job until its all.zip is there and sound; nothing that is done is done again.
@@ -75,6 +76,7 @@ def run_job(
     patience_h : how long one outage may last.
     resubmit : have it done again, once, when the task was lost, failed or was cancelled; what
         the server still has is not sent again where it can be kept from being used twice.
+    most_bytes : how large the all.zip may be; by default 4 GiB and 20 times the photographs.
 
     Returns
     -------
@@ -98,7 +100,7 @@ def run_job(
         node = server_of(job, token, access, trust, pace.silence_s)
         run = _Run(folder, job, node, trust, report, patience_h * 3600, resubmit, pace)
         try:
-            return run.through()
+            return run.through(most_bytes)
         except KeyboardInterrupt:
             run.stopped.set()
             raise KeyboardInterrupt(f"interrupted; {hint}") from None
@@ -177,14 +179,14 @@ class _Run:
         self._node, self._trust = node, trust
         self._patience = Patience(limit_s, self._say, self.stopped, first_pause_s=pace.pause_s)
 
-    def through(self) -> Path:
+    def through(self, most_bytes: Optional[int]) -> Path:
         """Take step after step."""
         steps: Dict[str, Callable[[], None]] = {
             READY: self._begin,
             UPLOADING: self._upload,
             COMMITTING: self._commit,
             WAITING: self._wait,
-            FETCHING: self._fetch,
+            FETCHING: lambda: self._fetch(most_bytes),
             CANCELLED: self._refuse,
             SPOILED: self._refuse,
         }
@@ -257,8 +259,8 @@ class _Run:
         else:
             self._go(FETCHING)
 
-    def _fetch(self) -> None:
-        path = fetch(self._node, self._folder, self._job, self._patience, self._tell)
+    def _fetch(self, most: Optional[int]) -> None:
+        path = fetch(self._node, self._folder, self._job, self._patience, self._tell, most)
         self._save(state=DONE, archive_bytes=path.stat().st_size)
 
     def _refuse(self) -> None:

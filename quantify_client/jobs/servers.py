@@ -93,9 +93,13 @@ class TaskServer(Protocol):
         ...
 
     def download(
-        self, uuid: str, target: Path, progress: Callable[[int, Optional[int]], None] = ...
+        self,
+        uuid: str,
+        target: Path,
+        progress: Callable[[int, Optional[int]], None] = ...,
+        most: Optional[int] = None,
     ) -> None:
-        """Fetch a task's all.zip."""
+        """Fetch a task's all.zip of at most so many bytes."""
         ...
 
 

@@ -385,5 +385,5 @@ def _is_packed(response: requests.Response) -> bool:
 
 def _telling(blocks: Iterator[bytes], alive: Alive) -> Iterator[bytes]:
     for block in blocks:
-        alive()
+        alive(len(block))
         yield block

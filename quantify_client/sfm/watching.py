@@ -12,7 +12,8 @@ from .multipart import StoppedError
 __all__ = ["Alive", "Told", "watched"]
 
 T = TypeVar("T")
-Alive = Callable[[], None]
+Alive = Callable[[int], None]
+ACHIEVED = 1 << 18  # bytes that count as having gone on; a chunk may have one
 
 
 class _Body(Protocol):
@@ -32,28 +33,30 @@ class Told:
     def __iter__(self) -> Iterator[bytes]:
         for block in self._body:
             yield block
-            self._alive()
+            self._alive(len(block))
 
 
 def watched(ask: Callable[[Alive], T], within_s: float, name: str) -> T:
-    """Ask, and give up when nothing has been achieved for too long: no socket's timeout sees drips.
+    """Ask, and give up when too little was achieved for too long: no socket's timeout sees drips.
 
     Parameters
     ----------
-    ask : is run in a thread, and given what it is to call for each block that has come or gone;
-        after it was given up, that raises StoppedError.
-    within_s : how long one block may take, or a whole answer of which none is told.
+    ask : is run in a thread, and given what it is to tell of bytes that have come or gone; after
+        it was given up, that raises StoppedError.
+    within_s : how long ACHIEVED bytes may take, or a whole answer of which none are told.
     name : the server's, for the message.
     """
     box: Dict[str, Any] = {}
-    last = time.monotonic()
+    last, count = time.monotonic(), 0
     over = threading.Event()
 
-    def alive() -> None:
-        nonlocal last
+    def alive(more: int) -> None:
+        nonlocal last, count
         if over.is_set():
             raise StoppedError
-        last = time.monotonic()
+        count += more
+        if count >= ACHIEVED:
+            last, count = time.monotonic(), 0
 
     def run() -> None:
         try:

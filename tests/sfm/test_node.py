@@ -17,8 +17,8 @@ from quantify_client.sfm.node import (
     TaskLostError,
     TaskStatus,
     split_token,
-    zip_fault,
 )
+from quantify_client.sfm.zips import zip_fault
 
 UUID = "6f1c2a34-0f3e-4b7a-9c55-0123456789ab"
 
