@@ -147,7 +147,8 @@ class Node:
         """Return what the node says of itself."""
         info = self.info()
         limit = info.max_images if isinstance(info.max_images, int) else None
-        return Engine(f"({info.engine} {info.engine_version}, API {info.version})", limit)
+        words = f"({info.engine} {info.engine_version}, API {info.version})"
+        return Engine(plain(words, 120), limit)
 
     def options(self) -> List[Any]:
         """Return the options that tasks may have, as pyodm's NodeOption."""
