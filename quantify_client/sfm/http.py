@@ -24,7 +24,7 @@ from .faults import OutageError, RefusedError, StatusError
 from .multipart import FileBody
 from .redaction import forms, hidden, mask_logs, plain
 from .saving import Saving
-from .watching import Alive, Told, watched
+from .watching import Lines, Told, Watch, watched
 
 __all__ = ["OutageError", "RefusedError", "Server", "StatusError"]
 
@@ -52,6 +52,11 @@ class _Headers(requests.auth.AuthBase):
 
 class _Session(requests.Session):
     """Follows no redirect of itself, and does not read all of its body to find that out."""
+
+    def __init__(self, watch: Watch) -> None:
+        super().__init__()
+        for scheme in ("http://", "https://"):
+            self.mount(scheme, Lines(watch))
 
     def get_redirect_target(self, resp: requests.Response) -> None:
         """Say that there is none: `Server` follows them."""
@@ -143,9 +148,9 @@ class Server:
         if upload is not None:
             sent["Content-Type"] = upload.content_type
 
-        def ask(alive: Alive) -> Any:
-            form = body if upload is None else {"data": Told(upload, alive)}
-            with self._request(method, path, query, sent, **form) as response:
+        def ask(watch: Watch) -> Any:
+            form = body if upload is None else {"data": Told(upload, watch)}
+            with self._request(watch, method, path, query, sent, **form) as response:
                 return self._parsed(response)
 
         return watched(ask, self._answer_s, self.name)
@@ -172,13 +177,13 @@ class Server:
                 f"{plain(path, 200)} can have; {larger}"
             )
 
-        def ask(alive: Alive) -> None:
-            with self._request("GET", path, None, None) as response:
+        def ask(watch: Watch) -> None:
+            with self._request(watch, "GET", path, None, None) as response:
                 self._require_file(response, is_json)
                 length = response.headers.get("Content-Length", "")
                 total = int(length) if re.fullmatch(r"\d{1,18}", length, re.ASCII) else None
                 saving = Saving(part, total, most, excess, self._room)
-                done = saving.save(_telling(response.iter_content(BLOCK), alive), progress)
+                done = saving.save(_telling(response.iter_content(BLOCK), watch), progress)
             if total is not None and done != total:
                 raise OutageError(f"{self.name}: the download ended after {done} of {total} bytes")
 
@@ -193,6 +198,7 @@ class Server:
     @contextmanager
     def _request(
         self,
+        watch: Watch,
         method: str,
         path: str,
         query: Optional[Mapping[str, str]],
@@ -202,7 +208,7 @@ class Server:
         """Give the answer to a request once its status is good; everything else is our error."""
         failure: Optional[ServerError] = None
         url = self.url + path
-        with _Session() as session:
+        with _Session(watch) as session:
             try:
                 response = self._sent(session, method, url, query, dict(headers or {}), body)
                 with response:
@@ -383,7 +389,7 @@ def _is_packed(response: requests.Response) -> bool:
     return response.headers.get("Content-Encoding", "identity").strip().lower() != "identity"
 
 
-def _telling(blocks: Iterator[bytes], alive: Alive) -> Iterator[bytes]:
+def _telling(blocks: Iterator[bytes], watch: Watch) -> Iterator[bytes]:
     for block in blocks:
-        alive(len(block))
+        watch.tell(len(block))
         yield block

@@ -69,6 +69,16 @@ def answering(*pieces, pause_s=0.0):
         listening.close()
 
 
+def asking():
+    """Threads that still wait for a server, a moment after they should have ended."""
+    end = time.monotonic() + 2.0
+    while True:
+        names = [thread.name for thread in threading.enumerate() if "asking" in thread.name]
+        if not names or time.monotonic() > end:
+            return names
+        time.sleep(0.01)
+
+
 def peak_of(action):
     """What an action holds at most, in bytes, beside what it raises."""
     tracemalloc.start()
@@ -156,7 +166,8 @@ def test_download_that_drips_is_given_up(tmp_path, pieces):
         begun = time.monotonic()
         with pytest.raises(OutageError):
             Server(url, silence_s=0.1).download("/x", tmp_path / "part", lambda done, total: None)
-    assert time.monotonic() - begun < 3.0
+        assert time.monotonic() - begun < 3.0
+        assert not asking()  # nothing goes on in the background
 
 
 def test_download_that_goes_on_may_take_longer_than_one_block(tmp_path):
