@@ -41,6 +41,7 @@ SUBMIT = (
 RESUME = "Goes on with a submit from wherever it stopped: uploading, waiting, fetching, measuring."
 
 _MOST_HOURS = 8760
+_MOST_GIGABYTES = 1_000_000
 _MODES = (
     "only the size, also heading and place (shift), or everything (full); auto: what the cloud "
     "needs and the control can tell"
@@ -160,8 +161,20 @@ def add_resume(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("folder", type=Path, metavar="DIR", help="the --out of a submit")
     add("--cancel", action="store_true", help="end the job, on the server too")
+    server = parser.add_mutually_exclusive_group()
+    said = "the server that the job is on; needed where no record of yours tells it"
+    server.add_argument("--node", metavar="URL", help=said)
+    server.add_argument("--webodm", metavar="URL", help=said)
+    add(
+        "--images",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="PATH",
+        help="where your photographs are, with --node or --webodm; may be repeated",
+    )
     _add_going_on(parser)
-    _add_token(parser)
+    add_access(parser)
     add("--json", action="store_true", help="one JSON document on stdout")
 
 
@@ -218,6 +231,12 @@ def _add_going_on(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="send everything again, once, when the server has lost the task or it failed",
     )
+    add(
+        "--max-size",
+        type=_gigabytes,
+        metavar="GB",
+        help="how large a result may be (default 4, and 20 times the photographs)",
+    )
 
 
 def add_output(parser: argparse.ArgumentParser) -> None:
@@ -271,6 +290,13 @@ def _hours(text: str) -> float:
     if not 0 <= value <= _MOST_HOURS:
         raise argparse.ArgumentTypeError(f"{text!r} is not from 0 to {_MOST_HOURS} hours")
     return value
+
+
+def _gigabytes(text: str) -> int:
+    value: float = _checked(float, text, "a number of gigabytes")
+    if not 0 < value <= _MOST_GIGABYTES:
+        raise argparse.ArgumentTypeError(f"{text!r} is not from 0 to {_MOST_GIGABYTES} GB")
+    return int(value * 1e9)
 
 
 def _pair(text: str) -> Tuple[str, str]:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Optional, Type
 
-from .errors import InputError
+from .errors import QuantifyError
 
 __all__ = ["read_small"]
 
 
 def read_small(
-    path: Path, *, most: int, what: str, error: Type[InputError], label: Optional[str] = None
+    path: Path, *, most: int, what: str, error: Type[QuantifyError], label: Optional[str] = None
 ) -> bytes:
     """Read a file of at most `most` bytes, and name what is often found in its place.
 

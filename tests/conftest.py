@@ -39,6 +39,15 @@ RESULT = {
 }
 
 
+@pytest.fixture(scope="session", autouse=True)
+def records(tmp_path_factory):
+    """Keep the records of jobs out of the home of whoever runs the tests."""
+    with pytest.MonkeyPatch.context() as patch:
+        folder = tmp_path_factory.mktemp("state")
+        patch.setenv("XDG_STATE_HOME", str(folder))
+        yield folder / "quantify-client" / "jobs"
+
+
 @pytest.fixture(scope="session")
 def beach():
     """The measuring frame of the example survey."""

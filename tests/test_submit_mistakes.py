@@ -158,3 +158,11 @@ def test_area_that_failed_can_be_measured_again(known, submit, run, tmp_path):
     status, _, err = run("resume", tmp_path / "job")
     assert status == 1
     assert f"quantify-client volume {tmp_path / 'job' / 'all.zip'}" in err
+
+
+def test_where_no_record_can_be_kept_submit_works_and_says_so(known, submit, tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "file"))
+    status, _, err = submit("--area", known.area)
+    assert status == 0, err
+    assert "--images" in next(line for line in err.splitlines() if line.startswith("Note: "))

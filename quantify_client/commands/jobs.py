@@ -5,17 +5,17 @@ from __future__ import annotations
 import argparse
 import json
 import tempfile
-from contextlib import suppress
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, Optional, Tuple
 
 from ..areas import require_polygons
 from ..choices import check_options, choose_shape
 from ..errors import JobError, QuantifyError, UsageError
-from ..jobs import Pace, Plan, cancel_job, create_job, plan_job, run_job
+from ..jobs import Confirmed, Pace, Plan, cancel_job, create_job, plan_job, run_job
 from ..jobs.create import require_free
-from ..jobs.journal import ARCHIVE, DONE, GCP_NAME, JOURNAL, WEBODM, load, resuming
+from ..jobs.journal import ARCHIVE, GCP_NAME, WEBODM, load, resuming
+from ..jobs.own import is_own, records_folder
 from ..pipeline import measure
 from ..pipeline.sending import ControlPlan, plan_control
 from ..report import require_writable
@@ -24,15 +24,13 @@ from ..sfm.access import Access
 from ..types import Options
 from .access import access_of, node_token
 from .job_display import shown_job
+from .kept import FILES, REPORT, finished, kept_options, kept_units, require_own_files
 from .measuring import deliver, options_of
 from .shown import complain, say, stages
 
 __all__ = ["resume", "submit"]
 
 PACE = Pace()
-
-_REPORT = "report"
-_FILES = ("area", "gcp")  # options that name files, kept with their whole path
 
 
 def submit(given: argparse.Namespace) -> int:
@@ -47,8 +45,13 @@ def submit(given: argparse.Namespace) -> int:
             return _show_plan(plan, lines, given)
         for line in lines:
             say(line)
-        create_job(plan, given.out, {"options": options, "units": given.units})
-    return _go_on(given.out, given)
+        job = create_job(plan, given.out, {"options": options, "units": given.units})
+    if not is_own(job):
+        say(
+            f"Note: {records_folder()} cannot be written, so 'quantify-client resume' will want to "
+            "be told the server and the photographs again (--node or --webodm, --images)."
+        )
+    return _go_on(given.out, given, is_new=True)
 
 
 def resume(given: argparse.Namespace) -> int:
@@ -57,29 +60,41 @@ def resume(given: argparse.Namespace) -> int:
     if given.cancel:
         if given.resubmit:
             raise UsageError("--cancel and --resubmit exclude each other: give one of them")
-        said = cancel_job(folder, node_token(given), access=_access(folder, given))
+        said = cancel_job(
+            folder,
+            node_token(given),
+            access=_access(folder, given),
+            confirmed=_confirmed(given),
+        )
         document = {"schema": "quantify-client/1", "state": load(folder).state, "said": said}
         print(json.dumps(document, indent=2) if given.json else printable(said))
         return 0
-    given.units = load(folder).then.get("units", "metric")
+    given.units = kept_units(folder, load(folder))
     return _go_on(folder, given)
 
 
-def _go_on(folder: Path, given: argparse.Namespace) -> int:
-    finished = _finished(folder)
-    if finished is not None:
-        return _show_finished(folder, finished, given)
+def _go_on(folder: Path, given: argparse.Namespace, *, is_new: bool = False) -> int:
+    job = load(folder)
+    found = finished(folder, job)
+    if found is not None:
+        return _show_finished(folder, found, given)
+    options = kept_options(folder, job)
+    _refuse_link(folder / REPORT)
     with shown_job() as report:
         archive = run_job(
             folder,
             node_token(given),
             access=_access(folder, given),
+            confirmed=_confirmed(given),
             report=report,
             patience_h=given.patience,
             resubmit=given.resubmit,
+            most_bytes=given.max_size,
             pace=PACE,
         )
-    return _measure(folder, archive, given)
+    if not is_new:
+        require_own_files(folder, job, options)
+    return _measure(folder, archive, options, given)
 
 
 def _access(folder: Path, given: argparse.Namespace) -> Optional[Access]:
@@ -87,9 +102,20 @@ def _access(folder: Path, given: argparse.Namespace) -> Optional[Access]:
     return access_of(given) if load(folder).kind == WEBODM else None
 
 
-def _measure(folder: Path, archive: Path, given: argparse.Namespace) -> int:
+def _confirmed(given: argparse.Namespace) -> Confirmed:
+    """Return what was said of the server and the photographs, at this command."""
+    return Confirmed(given.node or given.webodm, given.images, given.ca, given.insecure)
+
+
+def _refuse_link(report: Path) -> None:
+    if report.is_symlink():
+        raise JobError(f"{report}: is a link, and reports replace files; remove it, then resume")
+
+
+def _measure(
+    folder: Path, archive: Path, options: Mapping[str, Any], given: argparse.Namespace
+) -> int:
     """Scale, measure and report; the result that was fetched stays whatever happens here."""
-    options = _kept_options(folder)
     hint = (
         f"the server's result is safe in {archive}: {resuming(folder)} measures "
         "again once that is mended, 'quantify-client volume' with other options"
@@ -98,7 +124,7 @@ def _measure(folder: Path, archive: Path, given: argparse.Namespace) -> int:
     try:
         with stages() as progress:
             measurement = measure(archive, progress=progress, **options)
-        return deliver(measurement, folder / _REPORT, given)
+        return deliver(measurement, folder / REPORT, given)
     except QuantifyError as error:
         failure = error
     except KeyboardInterrupt:
@@ -106,34 +132,11 @@ def _measure(folder: Path, archive: Path, given: argparse.Namespace) -> int:
     raise type(failure)(f"{failure}; {hint}") from failure
 
 
-def _kept_options(folder: Path) -> Dict[str, Any]:
-    options = dict(load(folder).then.get("options", {}))
-    foreign = set(options) - {field.name for field in fields(Options)}
-    if foreign:
-        raise JobError(
-            f"{folder / JOURNAL}: holds options of another version ({', '.join(sorted(foreign))}); "
-            f"measure with 'quantify-client volume {folder / ARCHIVE}'"
-        )
-    return options
-
-
-def _finished(folder: Path) -> Optional[Mapping[str, Any]]:
-    """Return the measurement of a job that has nothing left to do; None while there is work."""
-    job, page = load(folder), folder / _REPORT / "report.json"
-    if job.state != DONE:
-        return None
-    with suppress(OSError, ValueError):
-        if page.stat().st_mtime_ns >= (folder / JOURNAL).stat().st_mtime_ns:
-            found = json.loads(page.read_text(encoding="utf-8"))
-            return found if isinstance(found, dict) else None
-    return None
-
-
 def _show_finished(folder: Path, found: Mapping[str, Any], given: argparse.Namespace) -> int:
     if given.json:
         print(json.dumps(found, indent=2, allow_nan=False))
     else:
-        print(f"The job is finished. Report: {printable(folder / _REPORT / 'report.html')}")
+        print(f"The job is finished. Report: {printable(folder / REPORT / 'report.html')}")
     failed = [row for row in found.get("results", []) if row.get("error")]
     again = f"'quantify-client volume {folder / ARCHIVE} --area FILE' measures other areas"
     for row in failed:
@@ -149,7 +152,7 @@ def _checked_options(given: argparse.Namespace) -> Dict[str, Any]:
         require_polygons(given.area)
     require_free(given.out)
     require_writable(given.out)
-    for name in _FILES:
+    for name in FILES:
         if options[name] is not None:
             options[name] = str(Path(options[name]).resolve())
     return options

@@ -6,6 +6,16 @@ the journal, and `run_job` goes on from wherever the journal stands until all.zi
 
 from .create import Plan, create_job, plan_job
 from .events import JobEvent
+from .own import Confirmed
 from .run import Pace, cancel_job, run_job
 
-__all__ = ["JobEvent", "Pace", "Plan", "cancel_job", "create_job", "plan_job", "run_job"]
+__all__ = [
+    "Confirmed",
+    "JobEvent",
+    "Pace",
+    "Plan",
+    "cancel_job",
+    "create_job",
+    "plan_job",
+    "run_job",
+]

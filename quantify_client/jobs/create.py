@@ -29,6 +29,7 @@ from .journal import (
     resuming,
     save,
 )
+from .own import keep_record
 from .servers import connect
 
 __all__ = ["Plan", "create_job", "plan_job", "require_free"]
@@ -50,7 +51,6 @@ class Plan:
     outputs: Tuple[str, ...] = ()
     gcp: Optional[Path] = None
     ca: Optional[Path] = None
-    insecure: bool = False
     engine: str = ""
     notes: Tuple[str, ...] = field(default=())
     project: Optional[int] = None
@@ -137,7 +137,6 @@ def plan_job(
         outputs=MINIMAL_OUTPUTS if minimal and not node.packs_all else (),
         gcp=gcp,
         ca=ca,
-        insecure=insecure,
         engine=engine.words,
         notes=notes,
         project=project,
@@ -146,7 +145,7 @@ def plan_job(
 
 
 def create_job(plan: Plan, folder: Path, then: Optional[Mapping[str, Any]] = None) -> Job:
-    """Write a job's journal into a folder that holds none; nothing is sent.
+    """Write a job's journal into a folder that holds none, and a record of it; nothing is sent.
 
     `then` is kept for the caller: how to go on with the result. No secret belongs into it.
     """
@@ -168,13 +167,13 @@ def create_job(plan: Plan, folder: Path, then: Optional[Mapping[str, Any]] = Non
             options=dict(plan.options),
             outputs=plan.outputs,
             files=tuple(files),
-            ca=str(plan.ca.resolve()) if plan.ca else None,
-            insecure=plan.insecure,
             then=dict(then or {}),
             kind=NODE if plan.project is None else WEBODM,
             project=plan.project,
             marker="" if plan.project is None else f"quantify-client upload {uuid.uuid4()}",
+            id=str(uuid.uuid4()),
         )
+        keep_record(job, folder, plan.ca)
         return save(folder, job, state=READY)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Optional
 
 from ..errors import JobError, QuantifyError, ServerError
 from ..sfm.http import RefusedError
@@ -16,10 +17,21 @@ from .waiting import AGAIN
 __all__ = ["fetch"]
 
 BAD_ARCHIVES = 3
+RESULT_RATIO = 20  # a result is rarely larger than its photographs, which hardly pack ...
+RESULT_BYTES = 4 << 30  # ... but of a few small ones it may be
 
 
-def fetch(node: TaskServer, folder: Path, job: Job, patience: Patience, report: Report) -> Path:
+def fetch(
+    node: TaskServer,
+    folder: Path,
+    job: Job,
+    patience: Patience,
+    report: Report,
+    most: Optional[int] = None,
+) -> Path:
     """Download the task's all.zip; an outage in between starts it again, as nodes know no ranges.
+
+    It may have `most` bytes; by default many times as many as the photographs.
 
     Raises
     ------
@@ -36,7 +48,10 @@ def fetch(node: TaskServer, folder: Path, job: Job, patience: Patience, report: 
         failure: QuantifyError
         try:
             node.download(
-                job.uuid, target, lambda done, total: report(JobEvent("download", done, total))
+                job.uuid,
+                target,
+                lambda done, total: report(JobEvent("download", done, total)),
+                _most(job) if most is None else most,
             )
             return
         except TaskLostError:
@@ -56,3 +71,8 @@ def fetch(node: TaskServer, folder: Path, job: Job, patience: Patience, report: 
 
     patience.through(ask)
     return target
+
+
+def _most(job: Job) -> int:
+    """Return how many bytes a result may have: some servers do not tell how many are to come."""
+    return RESULT_BYTES + RESULT_RATIO * sum(file.size for file in job.files)

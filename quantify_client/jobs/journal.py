@@ -13,11 +13,13 @@ import shlex
 import sys
 import threading
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Dict, Iterator, Mapping, Optional, Sequence, Set, Tuple
 
 from ..errors import JobError, OutputError
+from ..small_files import read_small
+from .shape import require_shape
 
 __all__ = ["NODE", "WEBODM", "Job", "SentFile", "SentLog", "load", "locked", "resuming", "save"]
 
@@ -29,6 +31,7 @@ READY, UPLOADING, COMMITTING, WAITING, FETCHING, DONE, CANCELLED, SPOILED = (
     *("ready", "uploading", "committing", "waiting", "fetching", "done", "cancelled", "spoiled"),
 )
 _to_disk = getattr(os, "fdatasync", os.fsync)  # where there is no other
+_MOST_BYTES = 256_000_000  # a million photographs
 STATES = (READY, UPLOADING, COMMITTING, WAITING, FETCHING, DONE, CANCELLED, SPOILED)
 
 
@@ -53,7 +56,8 @@ class Job:
 
     Attributes
     ----------
-    url, ca, insecure : the server, without any credentials.
+    url : the server, without any credentials. What may go there is not for a folder to say (see
+        `own`), nor whose certificate is taken for it.
     kind, project : NODE; or WEBODM and the number of the project there.
     marker : what an upload is called on a WebODM until it is known to be there.
     name, options, outputs, files : what is asked for and what is sent.
@@ -62,6 +66,7 @@ class Job:
     uuid : of the current upload or task.
     attempt : how many uploads have been begun.
     archive_bytes : length of the all.zip that was fetched.
+    id : of the job itself, wherever its folder is moved to.
     """
 
     url: str
@@ -69,8 +74,6 @@ class Job:
     options: Mapping[str, Any]
     outputs: Tuple[str, ...]
     files: Tuple[SentFile, ...]
-    ca: Optional[str] = None
-    insecure: bool = False
     then: Mapping[str, Any] = field(default_factory=dict)
     state: str = READY
     uuid: str = ""
@@ -79,6 +82,7 @@ class Job:
     kind: str = NODE
     project: Optional[int] = None
     marker: str = ""
+    id: str = ""
 
     @property
     def images(self) -> int:
@@ -87,29 +91,31 @@ class Job:
 
 
 def load(folder: Path) -> Job:
-    """Read a folder's journal; JobError when there is none or it is not ours."""
+    """Read a folder's journal; JobError when there is none, or it is not as it was written."""
     path = folder / JOURNAL
+    if not path.exists() and not path.is_symlink():
+        raise JobError(f"{folder}: holds no job; expected the --out folder of a submit")
+    data = read_small(path, most=_MOST_BYTES, what="the journal of a job", error=JobError)
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-        if document.pop("schema") != SCHEMA or document["state"] not in STATES:
-            raise ValueError
-        if (document.get("kind", NODE) == NODE) != (document.get("project") is None):
-            raise ValueError
-        files = tuple(_placed(SentFile(**item), folder) for item in document.pop("files"))
-        return Job(files=files, outputs=tuple(document.pop("outputs")), **document)
-    except FileNotFoundError:
-        raise JobError(f"{folder}: holds no job; expected the --out folder of a submit") from None
-    except OSError as error:
-        raise JobError(f"{path}: cannot be read ({error.strerror or error})") from error
-    except (ValueError, TypeError, KeyError, AttributeError):
+        document = json.loads(data)
+        if not isinstance(document, dict) or document.pop("schema", None) != SCHEMA:
+            raise ValueError(f"expected the schema {SCHEMA}")
+        require_shape(document, STATES, (NODE, WEBODM))
+    except (ValueError, RecursionError) as error:
+        said = str(error) if not isinstance(error, (json.JSONDecodeError, UnicodeError)) else ""
         raise JobError(
-            f"{path}: is no journal of this program, or of a newer one; submit again elsewhere"
+            f"{path}: is not the journal of a job, or damaged, or of a newer version "
+            f"({said or 'no JSON'}); submit again into another folder"
         ) from None
+    known = {item.name for item in fields(Job)}
+    document = {name: value for name, value in document.items() if name in known}
+    files = tuple(_placed(SentFile(**item), folder) for item in document.pop("files"))
+    return Job(files=files, outputs=tuple(document.pop("outputs")), **document)
 
 
 def _placed(file: SentFile, folder: Path) -> SentFile:
     """Look for our own copy of the control in the job's folder, wherever that has been moved to."""
-    return replace(file, path=str((folder / GCP_NAME).resolve())) if file.name == GCP_NAME else file
+    return replace(file, path=str(folder.resolve() / GCP_NAME)) if file.name == GCP_NAME else file
 
 
 def resuming(folder: Path, *options: str) -> str:
@@ -218,7 +224,9 @@ class SentLog:
     def _take(self, line: bytes) -> bool:
         try:
             ((kind, name),) = json.loads(line).items()
-        except (ValueError, AttributeError):
+        except (ValueError, AttributeError, RecursionError):
+            return False
+        if not isinstance(name, str):
             return False
         if kind == "begin":
             self.begun.add(name)
@@ -232,6 +240,7 @@ class SentLog:
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
     """Keep other processes from driving the same job; the system lets go when a process dies."""
+    _refuse_links(folder)
     try:
         file = (folder / LOCK).open("a+b")
     except FileNotFoundError:
@@ -244,6 +253,18 @@ def locked(folder: Path) -> Iterator[None]:
         if not _lock(file.fileno()):
             raise JobError(f"{folder}: another process drives this job; wait for it, or end it")
         yield
+
+
+def _refuse_links(folder: Path) -> None:
+    """Refuse a folder in which a name of ours leads elsewhere: a file there would be replaced."""
+    names = (JOURNAL, JOURNAL + ".new", LOCK, ARCHIVE + ".part", SEED, GCP_NAME)
+    own = [*(folder / name for name in names), *folder.glob("sent-*.jsonl")]
+    for path in own:
+        if path.is_symlink() or (path.exists() and not path.is_file()):
+            raise JobError(
+                f"{path}: is a link or no file, which nothing of a job is; remove it, or submit "
+                "into another folder"
+            )
 
 
 def _lock(handle: int) -> bool:

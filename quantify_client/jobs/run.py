@@ -33,8 +33,9 @@ from .journal import (
     resuming,
     save,
 )
+from .own import Confirmed, Trust, trusted_with
 from .servers import TaskServer, server_of
-from .upload import StartAgainError, commit, require_unchanged, send_all
+from .upload import StartAgainError, commit, require_sendable, send_all
 from .waiting import AGAIN, MiscountedError, lost, wait_for
 
 __all__ = ["Pace", "cancel_job", "run_job"]
@@ -56,9 +57,11 @@ def run_job(
     token: Optional[str] = None,
     *,
     access: Optional[Access] = None,
+    confirmed: Confirmed = Confirmed(),  # noqa: B008 - frozen
     report: Report = silent,
     patience_h: float = 12.0,
     resubmit: bool = False,
+    most_bytes: Optional[int] = None,
     pace: Pace = Pace(),  # noqa: B008 - frozen
 ) -> Path:
     """Go on with a job until its all.zip is there and sound; nothing that is done is done again.
@@ -68,10 +71,12 @@ def run_job(
     folder : where `create_job` wrote the journal; the all.zip comes there too.
     token : of the node; the journal does not hold it.
     access : who asks a WebODM server; by default what the environment says.
+    confirmed : what the user says again of the job; needed for one that this user did not make.
     report : told how it goes, from this thread or another.
     patience_h : how long one outage may last.
     resubmit : have it done again, once, when the task was lost, failed or was cancelled; what
         the server still has is not sent again where it can be kept from being used twice.
+    most_bytes : how large the all.zip may be; by default 4 GiB and 20 times the photographs.
 
     Returns
     -------
@@ -89,10 +94,13 @@ def run_job(
     failure: Optional[ServerError] = None
     with locked(folder):
         job = load(folder)
-        node = server_of(job, token, access, pace.silence_s)
-        run = _Run(folder, job, node, report, patience_h * 3600, resubmit, pace)
+        if _is_complete(folder, job):
+            return folder / ARCHIVE
+        trust = trusted_with(folder, job, confirmed, anew=resubmit)
+        node = server_of(job, token, access, trust, pace.silence_s)
+        run = _Run(folder, job, node, trust, report, patience_h * 3600, resubmit, pace)
         try:
-            return run.through()
+            return run.through(most_bytes)
         except KeyboardInterrupt:
             run.stopped.set()
             raise KeyboardInterrupt(f"interrupted; {hint}") from None
@@ -106,6 +114,7 @@ def cancel_job(
     token: Optional[str] = None,
     *,
     access: Optional[Access] = None,
+    confirmed: Confirmed = Confirmed(),  # noqa: B008 - frozen
     patience_h: float = 0.01,
 ) -> str:
     """End a job, here and on the node; return what has happened in one line.
@@ -117,7 +126,8 @@ def cancel_job(
         if job.state == DONE:
             return f"the job is finished; its result is {folder / ARCHIVE}"
         if job.state not in (READY, CANCELLED):
-            node = server_of(job, token, access, Pace().silence_s)
+            trust = trusted_with(folder, job, confirmed)
+            node = server_of(job, token, access, trust, Pace().silence_s)
             patience = Patience(patience_h * 3600, lambda text: None)
             with suppress(TaskLostError):  # as good as cancelled
                 if not patience.through(lambda: _cancelled(node, job)):
@@ -127,6 +137,13 @@ def cancel_job(
                     )
         save(folder, job, state=CANCELLED)
         return f"the job is cancelled; {resuming(folder, '--resubmit')} would redo it"
+
+
+def _is_complete(folder: Path, job: Job) -> bool:
+    """Whether the result is there, just as it was fetched."""
+    with suppress(OSError):
+        return job.state == DONE and (folder / ARCHIVE).stat().st_size == job.archive_bytes
+    return False
 
 
 def _cancelled(node: TaskServer, job: Job) -> bool:
@@ -148,6 +165,7 @@ class _Run:
         folder: Path,
         job: Job,
         node: TaskServer,
+        trust: Trust,
         report: Report,
         limit_s: float,
         resubmit: bool,
@@ -158,17 +176,17 @@ class _Run:
         self._resubmit, self._uploads = resubmit, 0
         self._lock = threading.Lock()
         self._report = report
-        self._node = node
+        self._node, self._trust = node, trust
         self._patience = Patience(limit_s, self._say, self.stopped, first_pause_s=pace.pause_s)
 
-    def through(self) -> Path:
+    def through(self, most_bytes: Optional[int]) -> Path:
         """Take step after step."""
         steps: Dict[str, Callable[[], None]] = {
             READY: self._begin,
             UPLOADING: self._upload,
             COMMITTING: self._commit,
             WAITING: self._wait,
-            FETCHING: self._fetch,
+            FETCHING: lambda: self._fetch(most_bytes),
             CANCELLED: self._refuse,
             SPOILED: self._refuse,
         }
@@ -187,23 +205,22 @@ class _Run:
         """Whether the result is there; one that has gone missing is fetched again."""
         if self._job.state != DONE:
             return False
-        with suppress(OSError):
-            if (self._folder / ARCHIVE).stat().st_size == self._job.archive_bytes:
-                return True
+        if _is_complete(self._folder, self._job):
+            return True
         self._say("the all.zip is not there any more, or has changed; it is fetched again")
         self._go(FETCHING)
         return False
 
     def _begin(self) -> None:
         """Choose a UUID, write it down, then tell the node: the same again is harmless."""
-        require_unchanged(self._job)
+        require_sendable(self._trust, self._job.files)
         with suppress(OSError):
             (self._folder / SEED).unlink()  # of an upload that was killed
         self._uploads += 1
         self._save(state=UPLOADING, uuid=str(uuid.uuid4()), attempt=self._job.attempt + 1)
 
     def _upload(self) -> None:
-        require_unchanged(self._job)
+        require_sendable(self._trust, self._job.files)
         job, sent = self._job, self._folder / f"sent-{self._job.attempt}.jsonl"
         if not sent.exists():
             there = self._patience.through(
@@ -212,7 +229,8 @@ class _Run:
             if there != job.uuid:
                 self._save(uuid=there)
                 job = self._job
-        send_all(self._node, self._folder, job, self._patience, self._tell, self.stopped)
+        patience, stopped = self._patience, self.stopped
+        send_all(self._node, self._trust, self._folder, job, patience, self._tell, stopped)
         self._go(COMMITTING)
 
     def _commit(self) -> None:
@@ -241,8 +259,8 @@ class _Run:
         else:
             self._go(FETCHING)
 
-    def _fetch(self) -> None:
-        path = fetch(self._node, self._folder, self._job, self._patience, self._tell)
+    def _fetch(self, most: Optional[int]) -> None:
+        path = fetch(self._node, self._folder, self._job, self._patience, self._tell, most)
         self._save(state=DONE, archive_bytes=path.stat().st_size)
 
     def _refuse(self) -> None:

@@ -10,6 +10,7 @@ from ..sfm.access import Access
 from ..sfm.node import Engine, Node, TaskState
 from ..sfm.webodm_tasks import WebODMTasks
 from .journal import NODE, Job
+from .own import Trust
 
 __all__ = ["TaskServer", "connect", "server_of"]
 
@@ -92,9 +93,13 @@ class TaskServer(Protocol):
         ...
 
     def download(
-        self, uuid: str, target: Path, progress: Callable[[int, Optional[int]], None] = ...
+        self,
+        uuid: str,
+        target: Path,
+        progress: Callable[[int, Optional[int]], None] = ...,
+        most: Optional[int] = None,
     ) -> None:
-        """Fetch a task's all.zip."""
+        """Fetch a task's all.zip of at most so many bytes."""
         ...
 
 
@@ -135,16 +140,16 @@ def connect(
 
 
 def server_of(
-    job: Job, token: Optional[str], access: Optional[Access], silence_s: float
+    job: Job, token: Optional[str], access: Optional[Access], trust: Trust, silence_s: float
 ) -> TaskServer:
-    """Return the server that a journal names."""
+    """Return the server that a journal names, once it is known who trusts it."""
     return connect(
         job.url,
         token,
         project=None if job.kind == NODE else job.project,
         access=access,
-        ca=Path(job.ca) if job.ca else None,
-        insecure=job.insecure,
+        ca=trust.ca,
+        insecure=trust.insecure,
         silence_s=silence_s,
         job=job,
     )

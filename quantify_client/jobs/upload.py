@@ -9,12 +9,13 @@ again.
 
 from __future__ import annotations
 
+import stat
 import threading
 import time
 import zipfile
 from collections import deque
 from pathlib import Path
-from typing import Deque, Dict, List, Optional
+from typing import Deque, Dict, Iterable, List, Optional
 
 from ..errors import JobError, OutputError, QuantifyError, ServerError
 from ..sfm.http import OutageError, RefusedError
@@ -23,9 +24,10 @@ from ..sfm.node import TaskLostError
 from ..sfm.patience import Patience
 from .events import JobEvent, Report
 from .journal import SEED, Job, SentFile, SentLog
+from .own import Trust
 from .servers import TaskServer
 
-__all__ = ["StartAgainError", "commit", "require_unchanged", "send_all"]
+__all__ = ["StartAgainError", "commit", "require_sendable", "send_all"]
 
 PARALLEL = 4
 AHEAD = 4  # files noted at once as about to be sent: each note waits for the disk
@@ -40,11 +42,12 @@ class StartAgainError(Exception):
     """The upload cannot be completed; another one under a new UUID can."""
 
 
-def require_unchanged(job: Job) -> None:
-    """Raise JobError when a file is not what it was when the job was made."""
-    for file in job.files:
+def require_sendable(trust: Trust, files: Iterable[SentFile]) -> None:
+    """Raise JobError when a file is not what it was when the job was made, or not ours to send."""
+    for file in files:
         try:
             status = Path(file.path).stat()
+            refusal = trust.refusal(file) if stat.S_ISREG(status.st_mode) else "is no file"
         except OSError as error:
             raise JobError(
                 f"{file.path}: cannot be read any more ({error.strerror or error}); put it back "
@@ -55,10 +58,13 @@ def require_unchanged(job: Job) -> None:
                 f"{file.path}: has changed since the job was made; put the file back, or submit "
                 "into another folder"
             )
+        if refusal is not None:
+            raise JobError(f"{file.path}: {refusal}")
 
 
 def send_all(
     node: TaskServer,
+    trust: Trust,
     folder: Path,
     job: Job,
     patience: Patience,
@@ -80,11 +86,11 @@ def send_all(
             raise StartAgainError("the last part of the upload may have been cut")
         there = log.done if node.overwrites else log.begun
         left = [file for file in job.files if file.name not in there]
-        sending = _Sending(node, job, log, patience, report, stopped)
+        sending = _Sending(node, trust, job, log, patience, report, stopped)
         sending.run(left)
         again = [file for file in job.files if file.name in log.unknown]
         if again:
-            _send_seed(sending, folder, again, report)
+            _send_seed(sending, trust, folder, again, report)
 
 
 def commit(node: TaskServer, uuid: str, patience: Patience, *, pause_s: float = 1.0) -> None:
@@ -123,13 +129,14 @@ class _Sending:
     def __init__(
         self,
         node: TaskServer,
+        trust: Trust,
         job: Job,
         log: SentLog,
         patience: Patience,
         report: Report,
         stopped: threading.Event,
     ) -> None:
-        self._node, self._job, self.log = node, job, log
+        self._node, self._trust, self._job, self.log = node, trust, job, log
         self._patience, self._report, self._stopped = patience, report, stopped
         self._lock = threading.Lock()
         self._queue: Deque[SentFile] = deque()
@@ -171,6 +178,8 @@ class _Sending:
             if not noted:
                 self.log.begin(file.name)
             noted = False
+            if tries and file.name != SEED:
+                require_sendable(self._trust, [file])
             try:
                 self._node.upload(
                     self._job.uuid,
@@ -208,6 +217,7 @@ class _Sending:
                 mine = mine or self._some()
                 if not mine:
                     return
+                require_sendable(self._trust, mine[:1])
                 self.send(mine.pop(0), noted=True)
         except StoppedError:
             return
@@ -256,7 +266,9 @@ def _translated(error: BaseException) -> BaseException:
     return error
 
 
-def _send_seed(sending: _Sending, folder: Path, files: List[SentFile], report: Report) -> None:
+def _send_seed(
+    sending: _Sending, trust: Trust, folder: Path, files: List[SentFile], report: Report
+) -> None:
     report(
         JobEvent(
             "message", text=f"{len(files)} files may have been cut; they are sent again packed"
@@ -264,7 +276,9 @@ def _send_seed(sending: _Sending, folder: Path, files: List[SentFile], report: R
     )
     path = folder / SEED
     try:
+        require_sendable(trust, files)
         _pack(path, files)
+        require_sendable(trust, files)
         status = path.stat()
         whole = sending.send(SentFile(SEED, str(path), status.st_size, status.st_mtime_ns))
     except TaskLostError as error:

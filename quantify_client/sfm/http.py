@@ -8,10 +8,8 @@ message: what requests raises holds the whole URL, so it is put into our own wor
 from __future__ import annotations
 
 import json
-import shutil
-import threading
-import time
-from contextlib import contextmanager, suppress
+import re
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, Mapping, Optional, Sequence
 from urllib.parse import parse_qsl, urlencode, urljoin, urlsplit, urlunsplit
@@ -20,21 +18,24 @@ import requests
 import requests.auth
 import urllib3
 
-from ..errors import OutputError, QuantifyError, ServerError
+from ..errors import ServerError
 from .addresses import checked_url, origin, trusted
 from .faults import OutageError, RefusedError, StatusError
+from .multipart import FileBody
 from .redaction import forms, hidden, mask_logs, plain
+from .saving import Saving
+from .watching import Lines, Told, Watch, watched
 
 __all__ = ["OutageError", "RefusedError", "Server", "StatusError"]
 
 CONNECT_S = 30.0
 SILENCE_S = 60.0  # without a byte: the line is dead
-ANSWER_SILENCES = 5  # how long all of a small answer may take, however slowly it drips
-ANSWER_BYTES = 64 << 20
+ANSWER_SILENCES = 5  # how long a small answer or one block may take, however slowly it drips
+ANSWER_BYTES = 16 << 20  # in memory JSON may take twenty times as much
 REASON_BYTES = 1 << 16
 BLOCK = 1 << 18
 REDIRECTS = 5
-SPARE_BYTES = 64 << 20  # to leave free on the disk
+_PLAINLY = {"Connection": "close", "Accept-Encoding": "identity"}
 _NEVER_CONNECTED = ("NewConnectionError", "NameResolutionError", "ConnectTimeout", "Tunnel conn")
 
 
@@ -47,6 +48,18 @@ class _Headers(requests.auth.AuthBase):
     def __call__(self, request: requests.PreparedRequest) -> requests.PreparedRequest:
         request.headers.update(self._headers)
         return request
+
+
+class _Session(requests.Session):
+    """Follows no redirect of itself, and does not read all of its body to find that out."""
+
+    def __init__(self, watch: Watch) -> None:
+        super().__init__()
+        for scheme in ("http://", "https://"):
+            self.mount(scheme, Lines(watch))
+
+    def get_redirect_target(self, resp: requests.Response) -> None:
+        """Say that there is none: `Server` follows them."""
 
 
 class Server:
@@ -115,13 +128,13 @@ class Server:
         *,
         query: Optional[Mapping[str, str]] = None,
         headers: Optional[Mapping[str, str]] = None,
-        bounded: bool = True,
+        upload: Optional[FileBody] = None,
         **body: Any,
     ) -> Any:
         """Send one request and return its JSON answer.
 
-        `body` is what requests takes: ``data``, ``files`` or ``json``. `bounded` is False for an
-        upload: it may take as long as it goes on.
+        `body` is what requests takes: ``data``, ``files`` or ``json``. An `upload` instead of it
+        may take as long as it goes on.
 
         Raises
         ------
@@ -131,12 +144,16 @@ class Server:
             Not worth it; RefusedError when the answer holds an ``error``, StatusError when its
             status says no.
         """
+        sent = dict(headers or {})
+        if upload is not None:
+            sent["Content-Type"] = upload.content_type
 
-        def ask() -> Any:
-            with self._request(method, path, query, headers, **body) as response:
+        def ask(watch: Watch) -> Any:
+            form = body if upload is None else {"data": Told(upload, watch)}
+            with self._request(watch, method, path, query, sent, **form) as response:
                 return self._parsed(response)
 
-        return _bounded(ask, self._answer_s, self.name) if bounded else ask()
+        return watched(ask, self._answer_s, self.name)
 
     def download(
         self,
@@ -145,71 +162,43 @@ class Server:
         progress: Callable[[int, Optional[int]], None],
         *,
         most: Optional[int] = None,
+        larger: str = "is the file there what it is said to be?",
         is_json: bool = False,
     ) -> None:
         """Write what is at a path into a file and check its length.
 
         `progress` is told the bytes so far and, where the server says so, of how many; more than
-        `most` are refused.
+        `most` are refused, and `larger` then says what to do.
         """
-        plainly = {"Accept-Encoding": "identity"}  # a packed stream's length is another
-        with self._request("GET", path, None, plainly) as response:
-            kind = response.headers.get("Content-Type", "").lower()
-            if ("json" in kind and not is_json) or "html" in kind:
-                self._parsed(response)
-                raise ServerError(f"{self.name}: sent {plain(kind, 40)} where a file was expected")
-            packed = response.headers.get("Content-Encoding", "identity") != "identity"
-            length = response.headers.get("Content-Length", "")
-            total = int(length) if length.isdecimal() and not packed else None
-            self._require_room(part, total)
 
-            def tell(done: int, of: Optional[int]) -> None:
-                if most is not None and max(done, of or 0) > most:
-                    raise ServerError(
-                        f"{self.name}: sends more than the {most} bytes that {plain(path, 200)} "
-                        "can have; is the file there what it is said to be?"
-                    )
-                progress(done, of)
-
-            done = self._save(response, part, total, tell)
-        if total is not None and done != total:
-            raise OutageError(f"{self.name}: the download ended after {done} of {total} bytes")
-
-    def _save(
-        self,
-        response: requests.Response,
-        part: Path,
-        total: Optional[int],
-        progress: Callable[[int, Optional[int]], None],
-    ) -> int:
-        done = 0
-        try:
-            with part.open("wb") as out:
-                for block in response.iter_content(BLOCK):
-                    out.write(block)
-                    done += len(block)
-                    progress(done, total)
-        except (requests.RequestException, QuantifyError):
-            raise  # OSErrors too, but not the disk's
-        except OSError as error:
-            raise OutputError(
-                f"{part}: cannot be written ({error.strerror or error}); {self._room}"
-            ) from error
-        return done
-
-    def _require_room(self, part: Path, total: Optional[int]) -> None:
-        with suppress(OSError):  # what an earlier try left of it is of no use and takes room
-            part.unlink()
-        free = shutil.disk_usage(part.parent).free
-        if total is not None and total + SPARE_BYTES > free:
-            raise OutputError(
-                f"{part}: needs {(total + SPARE_BYTES) / 1e6:.0f} MB with some to spare, "
-                f"{free / 1e6:.0f} MB are free; {self._room}"
+        def excess() -> None:
+            raise ServerError(
+                f"{self.name}: sends more than the {(most or 0) / 1e6:.1f} MB that "
+                f"{plain(path, 200)} can have; {larger}"
             )
+
+        def ask(watch: Watch) -> None:
+            with self._request(watch, "GET", path, None, None) as response:
+                self._require_file(response, is_json)
+                length = response.headers.get("Content-Length", "")
+                total = int(length) if re.fullmatch(r"\d{1,18}", length, re.ASCII) else None
+                saving = Saving(part, total, most, excess, self._room)
+                done = saving.save(_telling(response.iter_content(BLOCK), watch), progress)
+            if total is not None and done != total:
+                raise OutageError(f"{self.name}: the download ended after {done} of {total} bytes")
+
+        watched(ask, self._answer_s, self.name)
+
+    def _require_file(self, response: requests.Response, is_json: bool) -> None:
+        kind = response.headers.get("Content-Type", "").lower()
+        if ("json" in kind and not is_json) or "html" in kind:
+            self._parsed(response)
+            raise ServerError(f"{self.name}: sent {plain(kind, 40)} where a file was expected")
 
     @contextmanager
     def _request(
         self,
+        watch: Watch,
         method: str,
         path: str,
         query: Optional[Mapping[str, str]],
@@ -219,11 +208,16 @@ class Server:
         """Give the answer to a request once its status is good; everything else is our error."""
         failure: Optional[ServerError] = None
         url = self.url + path
-        with requests.Session() as session:
+        with _Session(watch) as session:
             try:
                 response = self._sent(session, method, url, query, dict(headers or {}), body)
                 with response:
                     self._require_good(response)
+                    if _is_packed(response):
+                        raise ServerError(
+                            f"{self.name}: packs its answer, which it was asked not to do; look at "
+                            "the proxy before it"
+                        )
                     yield response
             except requests.RequestException as error:
                 failure = self._explained(error)
@@ -261,7 +255,7 @@ class Server:
         for _ in range(REDIRECTS + 1):
             ours = origin(url) == origin(self.url)
             session.trust_env, session.proxies = not ours, dict(self._proxies) if ours else {}
-            session.auth = _Headers({"Connection": "close", **(self._headers if ours else {})})
+            session.auth = _Headers({**_PLAINLY, **(self._headers if ours else {})})
             response = session.request(
                 method,
                 url,
@@ -277,7 +271,7 @@ class Server:
                 return response
             response.close()
             session.close()  # the next request has a connection of its own, too
-            url = urljoin(url, target)
+            url = _joined(url, target)
             other = urlsplit(url)
             if method != "GET" or other.scheme not in ("http", "https"):
                 break
@@ -285,6 +279,7 @@ class Server:
                 break
             if origin(url) != origin(self.url):
                 url = self._without_secrets(url)
+                session.cookies.clear()  # which do not know ports
         moved = plain(self.redact(urlunsplit((*urlsplit(url)[:3], "", ""))))
         raise ServerError(
             f"{self.name}: sends elsewhere, to {moved}; give the address where the server really is"
@@ -320,16 +315,18 @@ class Server:
     def _reason(self, response: requests.Response) -> Optional[str]:
         """Give what a JSON answer says, whatever it is wrapped in."""
         try:
+            if _is_packed(response):
+                return None
             document = json.loads(next(response.iter_content(REASON_BYTES), b""))
+            return plain(self.redact(" ".join(_words(document))))
         except (ValueError, RecursionError, requests.RequestException):
             return None
-        return plain(self.redact(" ".join(_words(document))))
 
     def _parsed(self, response: requests.Response) -> Any:
-        content, end = b"", time.monotonic() + self._answer_s
+        content = bytearray()
         for block in response.iter_content(BLOCK):
             content += block
-            if len(content) > ANSWER_BYTES or time.monotonic() > end:
+            if len(content) > ANSWER_BYTES:
                 raise OutageError(f"{self.name}: answers with no end; expected a short JSON text")
         if content.lstrip()[:1] == b"<":
             raise OutageError(
@@ -339,12 +336,13 @@ class Server:
         failure = None
         try:
             document = json.loads(content.decode("utf-8"))
+            wrong = document.get("error") if isinstance(document, dict) else None
+            reason = plain(self.redact(str(wrong))) if wrong else ""
         except (ValueError, RecursionError):
             failure = OutageError(f"{self.name}: answers with something that is no JSON")
         if failure is not None:
             raise failure
-        if isinstance(document, dict) and document.get("error"):
-            reason = plain(self.redact(str(document["error"])))
+        if reason:
             raise RefusedError(f"{self.name}: {reason}", reason)
         return document
 
@@ -376,21 +374,22 @@ def _words(document: Any) -> Iterator[str]:
             yield from _words(part)
 
 
-def _bounded(ask: Callable[[], Any], within_s: float, name: str) -> Any:
-    """Give up on a server that drips its answer byte by byte; no socket timeout sees that."""
-    box: Dict[str, Any] = {}
+def _joined(url: str, target: str) -> str:
+    """Return where a redirect leads; ValueError when nobody could ask there."""
+    url = urljoin(url, target)
+    try:
+        requests.Request("GET", url).prepare()
+    except requests.RequestException:
+        raise ValueError from None
+    return url
 
-    def run() -> None:
-        try:
-            box["answer"] = ask()
-        except BaseException as error:
-            box["error"] = error
 
-    thread = threading.Thread(target=run, daemon=True)
-    thread.start()
-    thread.join(within_s)
-    if "error" in box:
-        raise box["error"]
-    if "answer" not in box:
-        raise OutageError(f"{name}: has not answered in full within {within_s:.0f} s")
-    return box["answer"]
+def _is_packed(response: requests.Response) -> bool:
+    """Whether unpacking would make more of an answer than came: a little may become anything."""
+    return response.headers.get("Content-Encoding", "identity").strip().lower() != "identity"
+
+
+def _telling(blocks: Iterator[bytes], watch: Watch) -> Iterator[bytes]:
+    for block in blocks:
+        watch.tell(len(block))
+        yield block

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import uuid
 from pathlib import Path
-from typing import BinaryIO, Callable, Iterator, Mapping, Optional
+from typing import BinaryIO, Callable, Iterator, Mapping, Optional, Tuple, Union
 
 from ..errors import JobError
 
@@ -22,7 +23,7 @@ class FileBody:
 
     Parameters
     ----------
-    path : the file; its size must not change while it is sent.
+    path : the file; JobError when it changes while it is sent, before its end has been.
     name : what the server is to call it.
     field : the form's field.
     texts : what else the form says, before the file.
@@ -46,7 +47,8 @@ class FileBody:
         stopped: Optional[Callable[[], bool]] = None,
     ) -> None:
         self._path, self._sent, self._stopped = path, sent, stopped
-        self.size = _size(path)
+        self._stamp = _stamp(path)
+        self.size = self._stamp[0]
         boundary = uuid.uuid4().hex
         quoted = name.replace("\\", "%5C").replace('"', "%22").replace("\r", "").replace("\n", "")
         before = "".join(
@@ -68,6 +70,7 @@ class FileBody:
         yield self._head
         left = self.size
         with _opened(self._path) as file:
+            _require_same(self._stamp, _stamp(file.fileno()), self._path)
             while left:
                 if self._stopped is not None and self._stopped():
                     raise StoppedError
@@ -76,14 +79,25 @@ class FileBody:
                 yield block
                 if self._sent is not None:
                     self._sent(len(block))
+            _require_same(self._stamp, _stamp(file.fileno()), self._path)
         yield self._tail
 
 
-def _size(path: Path) -> int:
+def _stamp(path: Union[Path, int]) -> Tuple[int, int]:
+    """Return what tells that a file has changed: its size, and when it was written to last."""
     try:
-        return path.stat().st_size
+        status = os.stat(path)  # noqa: PTH116 - handles, too
     except OSError as error:
         raise _unreadable(path, error) from error
+    return status.st_size, status.st_mtime_ns
+
+
+def _require_same(before: Tuple[int, int], now: Tuple[int, int], path: Path) -> None:
+    if before != now:
+        raise JobError(
+            f"{path}: changed while it was sent, so it does not count as sent; put it back as it "
+            "was and resume, or submit into another folder"
+        )
 
 
 def _opened(path: Path) -> BinaryIO:
@@ -103,5 +117,5 @@ def _read(file: BinaryIO, path: Path, count: int) -> bytes:
     return block
 
 
-def _unreadable(path: Path, error: OSError) -> JobError:
+def _unreadable(path: Union[Path, int], error: OSError) -> JobError:
     return JobError(f"{path}: cannot be read ({error.strerror or error}); put it back and resume")

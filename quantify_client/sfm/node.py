@@ -22,7 +22,6 @@ from __future__ import annotations
 import json
 import math
 import re
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
@@ -34,6 +33,7 @@ from pyodm.utils import options_to_json
 from .http import OutageError, RefusedError, Server
 from .multipart import FileBody
 from .redaction import plain
+from .zips import zip_fault
 
 __all__ = [
     "ArchiveError",
@@ -43,7 +43,9 @@ __all__ = [
     "TaskState",
     "TaskStatus",
     "as_options",
-    "zip_fault",
+    "fetch_archive",
+    "split_token",
+    "task_id",
 ]
 
 _LOST = re.compile(
@@ -51,6 +53,8 @@ _LOST = re.compile(
     re.IGNORECASE,
 )
 _TOKEN = re.compile(r"authentication token|token does not match", re.IGNORECASE)
+_UUID = re.compile(r"[0-9a-fA-F]{8}(-?[0-9a-fA-F]{4}){3}-?[0-9a-fA-F]{12}", re.ASCII)
+_LARGER = "give --max-size if the result is right to be that large, and resume"
 _WAY_IN = "set QUANTIFY_NODE_TOKEN or --token-file"
 
 OptionValue = Any  # str, int, float or bool, as the node's own option says
@@ -143,7 +147,8 @@ class Node:
         """Return what the node says of itself."""
         info = self.info()
         limit = info.max_images if isinstance(info.max_images, int) else None
-        return Engine(f"({info.engine} {info.engine_version}, API {info.version})", limit)
+        words = f"({info.engine} {info.engine_version}, API {info.version})"
+        return Engine(plain(words, 120), limit)
 
     def options(self) -> List[Any]:
         """Return the options that tasks may have, as pyodm's NodeOption."""
@@ -191,9 +196,7 @@ class Node:
         answer = self._json(
             "POST",
             f"/task/new/upload/{uuid}",
-            headers={"Content-Type": body.content_type},
-            bounded=False,
-            data=body,
+            upload=body,
         )
         if _object(answer, self.name).get("success") is not True:
             raise OutageError(f"{self.name}: does not confirm that {plain(name, 80)} has arrived")
@@ -248,6 +251,7 @@ class Node:
         uuid: str,
         target: Path,
         progress: Callable[[int, Optional[int]], None] = lambda done, total: None,
+        most: Optional[int] = None,
     ) -> None:
         """Fetch a task's all.zip: into ``.part`` first, its length and contents checked.
 
@@ -258,14 +262,8 @@ class Node:
         RefusedError
             The node has no archive of that task.
         """
-        part = target.with_name(target.name + ".part")
         path = f"/task/{uuid}/download/all.zip"
-        self._lost_or(lambda: self._server.download(path, part, progress))
-        fault = zip_fault(part)
-        if fault:
-            part.unlink()
-            raise ArchiveError(f"{self.name}: the all.zip that it sent {fault}")
-        part.replace(target)
+        self._lost_or(lambda: fetch_archive(self._server, path, target, progress, most))
 
     def _act(self, path: str, uuid: str) -> None:
         answer = self._json("POST", path, data={"uuid": uuid})
@@ -311,29 +309,42 @@ def split_token(url: str, token: Optional[str] = None) -> Tuple[str, Optional[st
     return urlunsplit((*parts[:3], "", "")), token or pairs[0][1]
 
 
+def fetch_archive(
+    server: Any,
+    path: str,
+    target: Path,
+    progress: Callable[[int, Optional[int]], None],
+    most: Optional[int],
+) -> None:
+    """Download an all.zip of at most so many bytes; ArchiveError when it is no sound one.
+
+    `server` is what has the method `download` of `http.Server`.
+    """
+    part = target.with_name(target.name + ".part")
+    server.download(path, part, progress, most=most, larger=_LARGER)
+    fault = zip_fault(part)
+    if fault:
+        part.unlink()
+        raise ArchiveError(f"{server.name}: the all.zip that it sent {fault}")
+    part.replace(target)
+
+
+def task_id(found: Any, name: str) -> str:
+    """Take a task's id: it goes into addresses and into the journal; OutageError for any other."""
+    if not isinstance(found, str) or not _UUID.fullmatch(found):
+        raise OutageError(f"{name}: answers with something that is no task's id")
+    return found
+
+
 def as_options(found: Any, name: str) -> List[Any]:
     """Take a server's list of options, as pyodm's NodeOption."""
     known = ("domain", "help", "name", "value", "type")
-    if not isinstance(found, list) or not all(isinstance(option, dict) for option in found):
+    sound = isinstance(found, list) and all(
+        isinstance(option, dict) and isinstance(option.get("name"), str) for option in found
+    )
+    if not sound:
         raise OutageError(f"{name}: answers with something that is no list of options")
     return [NodeOption(**{key: option.get(key, "") for key in known}) for option in found]
-
-
-def zip_fault(path: Path) -> Optional[str]:
-    """Say what is wrong with a zip, reading all of it; None when it is sound and not empty."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            members = archive.infolist()
-            broken = archive.testzip()
-    except zipfile.BadZipFile:
-        return "is no zip, or its end is missing"
-    except (OSError, RuntimeError, NotImplementedError, EOFError, ValueError) as error:
-        return f"cannot be read ({plain(error, 80)})"
-    except Exception as error:  # zlib.error, lzma.LZMAError: what damaged data makes of them
-        return f"is damaged ({type(error).__name__})"
-    if broken is not None:
-        return f"is damaged: {plain(broken, 80)} does not have its checksum"
-    return None if members else "is empty"
 
 
 def _object(answer: Any, name: str) -> Dict[str, Any]:

@@ -1,21 +1,47 @@
-"""What kind of picture a file is and whether it is whole, by its structure alone."""
+"""What kind of picture a file is, whether it is whole, and what its header says, by structure.
+
+Nothing is decoded and nothing is mapped into memory: a picture may be of any size, unpack to
+anything, and be cut while it is looked at.
+"""
 
 from __future__ import annotations
 
-import mmap
+import io
 import struct
+from contextlib import suppress
 from pathlib import Path
-from typing import BinaryIO, Dict, List, Optional, Tuple
+from typing import BinaryIO, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
-__all__ = ["KINDS", "kind_of", "truncation"]
+from .redaction import plain
+from .tiff_directories import Directories, Value
+
+__all__ = ["KINDS", "Header", "header", "kind_of", "truncation"]
 
 KINDS = ("JPEG", "TIFF", "DNG", "PNG")
 _CUT = "is truncated: copy it again from the camera"
 _STRIPS = ((273, 279), (324, 325))  # where strips and tiles begin, and how long they are
 _SUB_IFDS = 330  # where a DNG has its full picture
-_WIDTHS = {1: 1, 3: 2, 4: 4, 13: 4}  # bytes of the types that offsets and counts come in
+_PARTS = {tag for pair in _STRIPS for tag in pair} | {_SUB_IFDS}
+_WIDTH, _HEIGHT, _MAKE, _MODEL, _GPS = 256, 257, 271, 272, 0x8825
+_LATITUDE, _LONGITUDE = 2, 4
+_UNKNOWN = "unknown camera"
 _MOST_IFDS = 64
-_MOST_VALUES = 1 << 20
+_MOST_PIECES = 1 << 16  # segments of a JPEG, chunks of a PNG
+_BLOCK = 1 << 20
+_START_OF_SCAN, _APP1 = 0xDA, 0xE1
+_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # segments that tell the size
+
+
+class Header(NamedTuple):
+    """What a picture's header says: its size in pixels, make and model, and whether it has a place.
+
+    A place is latitude and longitude, and not the 0, 0 of a receiver without satellites.
+    """
+
+    width: int
+    height: int
+    camera: str
+    has_gps: bool
 
 
 def kind_of(path: Path) -> Optional[str]:
@@ -33,85 +59,144 @@ def kind_of(path: Path) -> Optional[str]:
 
 def truncation(path: Path, kind: str) -> Optional[str]:
     """Say that a picture's end is missing; None when it is there."""
-    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+    size = path.stat().st_size
+    with path.open("rb") as file:
         if kind == "JPEG":
-            whole = _jpeg_is_whole(data)
+            scan = [place for marker, place, _ in _segments(file) if marker == _START_OF_SCAN]
+            # An end marker cannot occur in the picture's data. A thumbnail has one too, but lies
+            # in a segment before them; cameras add more after it.
+            whole = bool(scan) and _holds(file, b"\xff\xd9", scan[0])
         elif kind == "PNG":
-            whole = data.rfind(b"IEND\xaeB`\x82") > 0  # its checksum never changes
+            whole = _holds(file, b"IEND\xaeB`\x82", 8)  # its checksum never changes
         else:
-            whole = _tiff_is_whole(file, len(data))
+            whole = _tiff_is_whole(file, size)
     return None if whole else _CUT
 
 
-def _jpeg_is_whole(data: mmap.mmap) -> bool:
-    """Whether an end marker follows the picture's data, in which it cannot occur.
+def header(path: Path, kind: str) -> Header:
+    """Read a picture's header; ValueError or struct.error when it makes no sense."""
+    with path.open("rb") as file:
+        if kind in ("TIFF", "DNG"):
+            return _described(file, path.stat().st_size, None)
+        size, exif = (_jpeg_parts if kind == "JPEG" else _png_parts)(file)
+    if size is None or 0 in size:
+        raise ValueError("it tells no size")
+    with suppress(ValueError, struct.error):  # odd EXIF costs its own facts, not the picture
+        if exif is not None:
+            return _described(io.BytesIO(exif), len(exif), size)
+    return Header(*size, _UNKNOWN, False)
 
-    A thumbnail has one too, but lies in a segment before the data; cameras add more after it.
-    """
+
+def _described(file: BinaryIO, length: int, size: Optional[Tuple[int, int]]) -> Header:
+    """Read the first directory of a TIFF or of an EXIF block; the latter's own size counts not."""
+    directories = Directories(file, length)
+    tags = (_WIDTH, _HEIGHT, _MAKE, _MODEL, _GPS)
+    fields, _ = directories.fields(directories.first, tags)
+    if size is None:
+        size = (_number(fields.get(_WIDTH)), _number(fields.get(_HEIGHT)))
+        if 0 in size:
+            raise ValueError("it tells no size")
+    place, has_gps = _number(fields.get(_GPS)), False
+    with suppress(ValueError, struct.error):
+        if place:
+            has_gps = _is_place(directories.fields(place, (_LATITUDE, _LONGITUDE))[0])
+    words = [plain(str(fields[tag][0]).strip(), 40) for tag in (_MAKE, _MODEL) if fields.get(tag)]
+    return Header(*size, " ".join(words).strip() or _UNKNOWN, has_gps)
+
+
+def _number(values: Optional[Sequence[Value]]) -> int:
+    return int(values[0]) if values and not isinstance(values[0], str) else 0
+
+
+def _is_place(gps: Mapping[int, Sequence[Value]]) -> bool:
+    values = [*gps.get(_LATITUDE, ()), *gps.get(_LONGITUDE, ())]
+    numbers = [value for value in values if not isinstance(value, str) and abs(value) <= 360]
+    return len(numbers) == len(values) == 6 and any(numbers)
+
+
+def _segments(file: BinaryIO) -> Iterator[Tuple[int, int, int]]:
+    """Give marker, place and length of what a JPEG's segments hold, to the picture's data."""
     place = 2
-    while place + 4 <= len(data):
-        if data[place] != 0xFF:
-            return False
-        marker = data[place + 1]
+    for _ in range(_MOST_PIECES):
+        file.seek(place)
+        head = file.read(4)
+        if len(head) < 4 or head[0] != 0xFF:
+            return
+        marker = head[1]
         if marker == 0xFF:  # padding
             place += 1
-        elif marker == 0xDA:
-            return data.find(b"\xff\xd9", place + 4) >= 0
         elif marker == 0x01 or 0xD0 <= marker <= 0xD8:  # segments without a length
             place += 2
         else:
-            place += 2 + struct.unpack(">H", data[place + 2 : place + 4])[0]
-    return False
+            (length,) = struct.unpack(">H", head[2:])
+            yield marker, place + 4, max(0, length - 2)
+            if marker == _START_OF_SCAN:
+                return
+            place += 2 + length
+
+
+def _jpeg_parts(file: BinaryIO) -> Tuple[Optional[Tuple[int, int]], Optional[bytes]]:
+    """Find a JPEG's size and its EXIF block."""
+    size, exif = None, None
+    for marker, place, length in _segments(file):
+        if marker in _FRAMES and size is None:
+            file.seek(place + 1)
+            height, width = struct.unpack(">HH", file.read(4))
+            size = (width, height)
+        elif marker == _APP1 and exif is None:
+            file.seek(place)
+            data = file.read(length)
+            exif = data[6:] if data.startswith(b"Exif\0\0") else None
+    return size, exif
+
+
+def _png_parts(file: BinaryIO) -> Tuple[Optional[Tuple[int, int]], Optional[bytes]]:
+    """Find a PNG's size and its EXIF block, which may come after the picture."""
+    size, place = None, 8
+    for _ in range(_MOST_PIECES):
+        file.seek(place)
+        head = file.read(8)
+        if len(head) < 8 or head[4:] == b"IEND":
+            break
+        (length,) = struct.unpack(">I", head[:4])
+        if head[4:] == b"IHDR":
+            size = struct.unpack(">II", file.read(8))
+        elif head[4:] == b"eXIf":
+            return size, file.read(length)
+        place += 12 + length
+    return size, None
+
+
+def _holds(file: BinaryIO, sign: bytes, place: int) -> bool:
+    """Whether a file holds some bytes from a place on."""
+    file.seek(place)
+    kept = b""
+    while True:
+        block = file.read(_BLOCK)
+        if not block:
+            return False
+        if sign in kept + block:
+            return True
+        kept = block[1 - len(sign) :]
 
 
 def _tiff_is_whole(file: BinaryIO, size: int) -> bool:
     """Whether every strip and tile of every picture in the file ends within it."""
-    file.seek(0)
-    head = file.read(8)
-    order = "<" if head[:2] == b"II" else ">"
-    waiting: List[int] = [struct.unpack(order + "I", head[4:8])[0]]
-    seen: Dict[int, bool] = {}
-    while waiting and len(seen) < _MOST_IFDS:
-        place = waiting.pop()
-        if place == 0 or place in seen:
-            continue
-        seen[place] = True
-        fields, following = _directory(file, order, place)
-        if fields is None:
-            return False
-        waiting += [following, *fields.get(_SUB_IFDS, ())]
-        for begins, lengths in _STRIPS:
-            ends = zip(fields.get(begins, ()), fields.get(lengths, ()))
-            if any(begin + length > size for begin, length in ends):
-                return False
-    return bool(seen)
-
-
-Fields = Dict[int, Tuple[int, ...]]
-
-
-def _directory(file: BinaryIO, order: str, place: int) -> Tuple[Optional[Fields], int]:
-    """Read one directory's offsets and counts, and where the next is; None when it is cut."""
-    wanted = {tag for pair in _STRIPS for tag in pair} | {_SUB_IFDS}
     try:
-        file.seek(place)
-        (count,) = struct.unpack(order + "H", file.read(2))
-        table = file.read(12 * count)
-        (following,) = struct.unpack(order + "I", file.read(4))
-        fields: Fields = {}
-        for number in range(count):
-            tag, kind, values = struct.unpack_from(order + "HHI", table, 12 * number)
-            if tag in wanted and kind in _WIDTHS and values <= _MOST_VALUES:
-                fields[tag] = _values(file, order, table[12 * number + 8 :][:4], kind, values)
+        directories = Directories(file, size)
+        waiting: List[Value] = [directories.first]
+        seen: Set[Value] = set()
+        while waiting and len(seen) < _MOST_IFDS:
+            place = waiting.pop()
+            if not isinstance(place, int) or place == 0 or place in seen:
+                continue
+            seen.add(place)
+            fields, following = directories.fields(place, _PARTS)
+            waiting += [following, *fields.get(_SUB_IFDS, ())]
+            for begins, lengths in _STRIPS:
+                ends = zip(fields.get(begins, ()), fields.get(lengths, ()))
+                if any(_number((begin,)) + _number((length,)) > size for begin, length in ends):
+                    return False
     except struct.error:
-        return None, 0
-    return fields, following
-
-
-def _values(file: BinaryIO, order: str, raw: bytes, kind: int, count: int) -> Tuple[int, ...]:
-    length = _WIDTHS[kind] * count
-    if length > 4:
-        file.seek(struct.unpack(order + "I", raw)[0])
-        raw = file.read(length)
-    letter = {1: "B", 3: "H", 4: "I", 13: "I"}[kind]
-    return struct.unpack(f"{order}{count}{letter}", raw[:length])
+        return False
+    return bool(seen)

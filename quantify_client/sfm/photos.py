@@ -1,21 +1,21 @@
 """Photographs, checked before any is sent: what hours of uploading must not end with.
 
-Only headers are decoded. Whether a file is whole is told by its structure (see `photo_files`),
-which takes milliseconds where decoding takes half a second.
+Nothing is decoded: whether a file is whole, and what its header says, is told by its structure (see
+`photo_files`), which takes milliseconds where decoding takes half a second.
 """
 
 from __future__ import annotations
 
-import warnings
+import os
+import struct
+import unicodedata
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple, Union
-
-from PIL import Image
+from typing import Dict, Iterable, List, Mapping, Sequence, Tuple, Union
 
 from ..errors import InputError
-from .photo_files import KINDS, kind_of, truncation
+from .photo_files import KINDS, header, kind_of, truncation
 from .redaction import plain
 
 __all__ = ["Photo", "PhotoSummary", "check_photos"]
@@ -23,9 +23,14 @@ __all__ = ["Photo", "PhotoSummary", "check_photos"]
 SUFFIXES = (".jpg", ".jpeg", ".tif", ".tiff", ".dng", ".png")
 FEWEST = 3  # fewer share no point
 SHOWN = 3  # names in a message
-_EXIF_IFD, _GPS_IFD = 0x8769, 0x8825
-_MAKE, _MODEL = 271, 272
-_LATITUDE, _LONGITUDE = 2, 4
+_OTHERS: Mapping[str, str] = {
+    **dict.fromkeys((".heic", ".heif", ".hif", ".avif", ".webp"), "HEIC, AVIF or WebP"),
+    **dict.fromkeys(
+        (".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef"), "a camera's raw data"
+    ),
+}
+"""Photographs that are not sent, by their suffixes: OpenDroneMap does not take them everywhere."""
+_MOST_LOOKED_AT = 20_000  # files in folders within a folder
 
 
 @dataclass(frozen=True)
@@ -98,14 +103,16 @@ def check_photos(paths: Iterable[Union[str, Path]], *, allow_faulty: bool = Fals
     if faults and not allow_faulty:
         raise InputError(_told(faults, len(files)))
     _refuse_namesakes(photos)
+    left_out = _left_out(ignored)
     if len(photos) < FEWEST:
+        more = " ".join(("", *left_out)) if left_out else ""
         raise InputError(
             f"{len(photos)} photographs are there, expected at least {FEWEST} that overlap; give "
-            f"files or folders of {', '.join(KINDS)}"
+            f"files or folders of {', '.join(KINDS)}.{more}"
         )
     photos.sort(key=lambda photo: photo.name)
     notes = [_told(faults, len(files)) + " They are left out."] if faults else []
-    return PhotoSummary(tuple(photos), tuple(ignored), (*notes, *_notes(photos, ignored)))
+    return PhotoSummary(tuple(photos), tuple(ignored), (*notes, *_notes(photos), *left_out))
 
 
 def _expanded(paths: Sequence[Path]) -> Tuple[List[Path], List[Path]]:
@@ -136,7 +143,12 @@ def _look(path: Path) -> Union[Photo, str]:
         status = path.stat()
         if status.st_size == 0:
             return "is empty"
+        if any(c == "\\" or unicodedata.category(c) in ("Cc", "Cs") for c in path.name):
+            return "has a name that no server can keep; rename it"
         kind = kind_of(path)
+        other = _OTHERS.get(path.suffix.lower())
+        if other is not None:
+            return f"is {other}, which is not sent; convert it to JPEG, with its EXIF"
         if kind is None:
             return f"is no {', '.join(KINDS)}"
         if path.suffix.lower() not in SUFFIXES:
@@ -144,36 +156,12 @@ def _look(path: Path) -> Union[Photo, str]:
         cut = truncation(path, kind)
         if cut is not None:
             return cut
-        width, height, camera, has_gps = _header(path)
+        found = header(path, kind)
     except OSError as error:
         return f"cannot be read ({error.strerror or plain(error, 60)})"
-    except Exception as error:  # Pillow on damaged headers: SyntaxError, struct.error, ...
-        return f"has a damaged header ({type(error).__name__})"
-    return Photo(path, status.st_size, status.st_mtime_ns, width, height, camera, has_gps)
-
-
-def _header(path: Path) -> Tuple[int, int, str, bool]:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # large sensors, odd EXIF: ODM reads them
-        with Image.open(path) as image:
-            width, height = image.size
-            exif = image.getexif()
-            gps = exif.get_ifd(_GPS_IFD)
-            camera = " ".join(_word(exif.get(tag)) for tag in (_MAKE, _MODEL)).strip()
-    return width, height, camera or "unknown camera", _is_place(gps)
-
-
-def _word(value: Any) -> str:
-    return plain(str(value).strip("\x00 "), 40) if value else ""
-
-
-def _is_place(gps: Mapping[int, Any]) -> bool:
-    """Latitude and longitude, and not the 0, 0 of a receiver without satellites."""
-    try:
-        values = [float(part) for tag in (_LATITUDE, _LONGITUDE) for part in gps[tag]]
-    except (KeyError, TypeError, ValueError, ZeroDivisionError):
-        return False
-    return len(values) == 6 and all(abs(v) <= 360 for v in values) and any(values)
+    except (ValueError, struct.error) as error:
+        return f"has a damaged header ({error})"
+    return Photo(path, status.st_size, status.st_mtime_ns, *found)
 
 
 def _told(faults: Mapping[Path, str], count: int) -> str:
@@ -197,7 +185,7 @@ def _refuse_namesakes(photos: Sequence[Photo]) -> None:
             )
 
 
-def _notes(photos: Sequence[Photo], ignored: Sequence[Path]) -> List[str]:
+def _notes(photos: Sequence[Photo]) -> List[str]:
     notes = []
     missing = [photo.name for photo in photos if not photo.has_gps]
     if len(missing) == len(photos):
@@ -211,8 +199,43 @@ def _notes(photos: Sequence[Photo], ignored: Sequence[Path]) -> List[str]:
         notes.append(
             f"The photographs are from {len(cameras)} cameras: {', '.join(sorted(cameras))}."
         )
-    texts: Optional[List[Path]] = [path for path in ignored if path.suffix.lower() == ".txt"]
-    if texts:
-        names = ", ".join(path.name for path in texts[:SHOWN])
-        notes.append(f"Not sent, because a node takes any text file for GCPs: {plain(names)}.")
     return notes
+
+
+def _left_out(ignored: Sequence[Path]) -> List[str]:
+    """Say what in the folders looks as if it was meant, and is not sent."""
+    notes = []
+    texts = [path for path in ignored if path.suffix.lower() == ".txt"]
+    if texts:
+        notes.append(f"Not sent, because a node takes any text file for GCPs: {_names(texts)}.")
+    for other in dict.fromkeys(_OTHERS.values()):
+        found = [path for path in ignored if _OTHERS.get(path.suffix.lower()) == other]
+        if found:
+            notes.append(
+                f"Not sent, because they are {other}: {len(found)} files ({_names(found)}); "
+                "convert them to JPEG, with their EXIF."
+            )
+    inside = {folder: _photographs_in(folder) for folder in ignored if folder.is_dir()}
+    inside = {folder: count for folder, count in inside.items() if count}
+    if inside:
+        notes.append(
+            f"Not sent: {sum(inside.values())} photographs in {len(inside)} folders within the one "
+            f"given ({_names(list(inside))}); give these folders, too, if they belong to it."
+        )
+    return notes
+
+
+def _names(paths: Sequence[Path]) -> str:
+    more = ", ..." if len(paths) > SHOWN else ""
+    return plain(", ".join(path.name for path in paths[:SHOWN]) + more)
+
+
+def _photographs_in(folder: Path) -> int:
+    """Count what may be photographs in a folder and in those within it; not all of a large disk."""
+    count = seen = 0
+    for _, _, names in os.walk(folder):
+        seen += len(names) + 1
+        count += sum(Path(name).suffix.lower() in (*SUFFIXES, *_OTHERS) for name in names)
+        if seen > _MOST_LOOKED_AT:
+            break
+    return count

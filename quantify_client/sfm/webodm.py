@@ -151,12 +151,10 @@ class WebODM:
         path: str,
         part: Path,
         progress: Callable[[int, Optional[int]], None],
-        *,
-        most: Optional[int] = None,
-        is_json: bool = False,
+        **rest: Any,
     ) -> None:
         """Write what is at a path into a file; see `Server.download`."""
-        self._known(lambda: self._server.download(path, part, progress, most=most, is_json=is_json))
+        self._known(lambda: self._server.download(path, part, progress, **rest))
 
     def _known(self, ask: Callable[[], T]) -> T:
         """Ask as somebody the server knows; what it says of who asks is said in our words."""

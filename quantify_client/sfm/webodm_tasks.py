@@ -23,7 +23,15 @@ from ..errors import ServerError
 from .access import Access
 from .http import OutageError, RefusedError, StatusError
 from .multipart import FileBody
-from .node import ArchiveError, Engine, TaskLostError, TaskState, TaskStatus, as_options, zip_fault
+from .node import (
+    Engine,
+    TaskLostError,
+    TaskState,
+    TaskStatus,
+    as_options,
+    fetch_archive,
+    task_id,
+)
 from .redaction import plain
 from .webodm import WebODM
 
@@ -114,7 +122,7 @@ class WebODMTasks:
             return uuid
         mine = self._marked()
         if mine:
-            return str(mine[0]["id"])
+            return task_id(mine[0].get("id"), self.name)
         given = {
             "name": self._marker,
             "partial": True,
@@ -122,9 +130,7 @@ class WebODMTasks:
             "options": [{"name": key, "value": _sendable(v)} for key, v in options.items()],
         }
         made = self._object(self._asked("POST", self._tasks, json=given))
-        if not made.get("id"):
-            raise OutageError(f"{self.name}: answers with something that is no task")
-        return str(made["id"])
+        return task_id(made.get("id"), self.name)
 
     def upload(
         self,
@@ -143,9 +149,7 @@ class WebODMTasks:
                 uuid,
                 "POST",
                 "upload/",
-                headers={"Content-Type": body.content_type},
-                bounded=False,
-                data=body,
+                upload=body,
             )
         )
         arrived = answer.get("uploaded")
@@ -213,23 +217,19 @@ class WebODMTasks:
         uuid: str,
         target: Path,
         progress: Callable[[int, Optional[int]], None] = lambda done, total: None,
+        most: Optional[int] = None,
     ) -> None:
         """Fetch a task's all.zip: into ``.part`` first, its length and contents checked."""
-        part = target.with_name(target.name + ".part")
         failure: Optional[StatusError] = None
         try:
-            self._server.download(f"{self._tasks}{uuid}/download/all.zip", part, progress)
+            path = f"{self._tasks}{uuid}/download/all.zip"
+            fetch_archive(self._server, path, target, progress, most)
         except StatusError as error:
             failure = error
         if failure is not None:
             if failure.status == 404 and self._find(uuid) is None:
                 raise self._lost(uuid)
             raise self._refused(failure, str(failure))
-        fault = zip_fault(part)
-        if fault:
-            part.unlink()
-            raise ArchiveError(f"{self.name}: the all.zip that it sent {fault}")
-        part.replace(target)
 
     def _state(self, found: Mapping[str, Any]) -> TaskState:
         # A task that nothing has been done about yet has no status.

@@ -148,7 +148,7 @@ def test_folder_without_a_job_cannot_be_resumed(tmp_path):
 @pytest.mark.parametrize("text", ["", "[]", '{"schema": "quantify-job/2"}', "null", '{"a": 1}'])
 def test_journal_that_is_none_is_refused(tmp_path, text):
     (tmp_path / "job.json").write_text(text)
-    with pytest.raises(JobError, match="is no journal"):
+    with pytest.raises(JobError, match="journal of"):
         run_job(tmp_path)
 
 

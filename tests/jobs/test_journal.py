@@ -2,6 +2,7 @@
 
 import os
 import threading
+from uuid import uuid4
 
 import pytest
 
@@ -12,7 +13,7 @@ JOB = Job("http://host", "n", {"dsm": True}, (), ())
 
 
 def test_job_comes_back_as_it_was_saved(tmp_path):
-    job = save(tmp_path, JOB, state="waiting", uuid="u", then={"area": "a"})
+    job = save(tmp_path, JOB, state="waiting", uuid=str(uuid4()), then={"area": "a"})
     assert load(tmp_path) == job
     assert [path.name for path in tmp_path.iterdir()] == ["job.json"]
 

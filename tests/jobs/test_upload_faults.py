@@ -1,10 +1,14 @@
 """While it uploads: what lines and nodes do to a job, row by row of docs/servers.md."""
 
+import os
+
 import pytest
 from photographs import photographs
 
 from quantify_client.errors import JobError, ServerError
-from quantify_client.jobs.journal import load
+from quantify_client.jobs import upload
+from quantify_client.jobs.journal import SentLog, load
+from quantify_client.sfm import multipart
 
 
 def test_upload_cut_in_mid_file(job):
@@ -162,3 +166,47 @@ def test_cluster_without_a_node_at_commit_starts_again(job):
     job.run()
     job.require_complete()
     assert load(job.folder).attempt == 2
+
+
+def test_photograph_that_changes_while_it_is_sent_does_not_count_as_sent(job, monkeypatch):
+    path = job.images[3]
+    before, status = path.read_bytes(), path.stat()
+    read = multipart._read
+
+    def changing(file, of, count):
+        if of == path and path.read_bytes() == before:
+            path.write_bytes(before[:-1] + b"x")  # the size stays
+            os.utime(path, ns=(1, 1))
+        return read(file, of, count)
+
+    job.create()
+    with monkeypatch.context() as patch:
+        patch.setattr(multipart, "_read", changing)
+        with pytest.raises(JobError, match="IMG_0003.JPG: changed while it was sent"):
+            job.run()
+    with SentLog(job.folder, 1) as log:
+        assert path.name not in log.done
+    assert not job.node.tasks
+    with pytest.raises(JobError, match=r"IMG_0003.JPG: has changed since the job was made"):
+        job.run()
+    path.write_bytes(before)
+    os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns))
+    job.run()
+    job.require_complete()
+
+
+def test_photograph_that_changes_while_it_is_packed_is_not_sent(job, monkeypatch):
+    path = job.images[3]
+    job.node.fault("cut", path.name)
+    job.create()
+    pack = upload._pack
+
+    def changing(target, files):
+        pack(target, files)
+        path.write_bytes(b"other")
+
+    monkeypatch.setattr(upload, "_pack", changing)
+    with pytest.raises(JobError, match=r"IMG_0003.JPG: has changed"):
+        job.run()
+    assert not job.node.tasks
+    assert not (job.folder / "seed.zip").exists()

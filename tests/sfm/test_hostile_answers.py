@@ -8,7 +8,7 @@ from nodeodm import NodeODM
 from photographs import all_zip
 
 from quantify_client.errors import ServerError
-from quantify_client.sfm import http
+from quantify_client.sfm import saving
 from quantify_client.sfm.http import OutageError, Server
 from quantify_client.sfm.node import Node
 
@@ -59,7 +59,7 @@ def test_what_an_earlier_try_left_does_not_count_as_used(server, node, tmp_path,
     server.tasks[UUID].status = 40
     part = tmp_path / "all.zip.part"
     usage = namedtuple("usage", "free")
-    room = http.SPARE_BYTES + len(server.archive)
+    room = saving.SPARE_BYTES + len(server.archive)
     monkeypatch.setattr(
         shutil,
         "disk_usage",

@@ -9,7 +9,7 @@ from nodeodm import TOKEN, NodeODM
 from photographs import all_zip
 
 from quantify_client.errors import InputError, OutputError, QuantifyError, ServerError
-from quantify_client.sfm import http
+from quantify_client.sfm import http, saving
 from quantify_client.sfm.http import OutageError, RefusedError, Server
 from quantify_client.sfm.node import (
     ArchiveError,
@@ -17,8 +17,8 @@ from quantify_client.sfm.node import (
     TaskLostError,
     TaskStatus,
     split_token,
-    zip_fault,
 )
+from quantify_client.sfm.zips import zip_fault
 
 UUID = "6f1c2a34-0f3e-4b7a-9c55-0123456789ab"
 
@@ -311,7 +311,7 @@ def test_other_kinds_are_no_archive(server, node, tmp_path, monkeypatch, kind):
 
 
 def test_download_that_has_no_room_is_not_begun(server, node, tmp_path, monkeypatch):
-    monkeypatch.setattr(http, "SPARE_BYTES", 1 << 60)
+    monkeypatch.setattr(saving, "SPARE_BYTES", 1 << 60)
     server.init(UUID, {"options": "[]"})
     server.commit(UUID)
     server.tasks[UUID].status = 40

@@ -1,0 +1,105 @@
+"""What a job's folder keeps of the measuring: how it is to be done, and what came of it.
+
+The folder may be damaged, or somebody else's: what is read from it is checked as what a user types.
+"""
+
+from __future__ import annotations
+
+import json
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Dict, Mapping, Optional, get_args, get_type_hints
+
+from ..choices import check_options
+from ..errors import InputError, JobError, UsageError
+from ..jobs.journal import ARCHIVE, DONE, JOURNAL, Job
+from ..jobs.own import is_own
+from ..small_files import read_small
+from ..types import Options
+
+__all__ = ["FILES", "REPORT", "finished", "kept_options", "kept_units", "require_own_files"]
+
+REPORT = "report"
+FILES = ("area", "gcp")  # options that name files, kept with their whole path
+_UNITS = ("metric", "us")
+_MOST_BYTES = 512_000_000  # of a report.json: many areas, many slices
+
+
+def kept_options(folder: Path, job: Job) -> Dict[str, Any]:
+    """Return how the result is to be measured.
+
+    Raises
+    ------
+    JobError
+        The journal holds what are no such options.
+    """
+    options = job.then.get("options", {})
+    hints = get_type_hints(Options)
+    if not isinstance(options, dict):
+        raise _no_options(folder, "'options'")
+    for name, value in options.items():
+        if name not in hints or not _fits(value, hints[name]):
+            raise _no_options(folder, repr(name[:60]))
+    try:
+        check_options(Options(**options))
+    except UsageError as error:
+        raise _no_options(folder, str(error)) from error
+    return dict(options)
+
+
+def kept_units(folder: Path, job: Job) -> str:
+    """Return the units of what people are shown."""
+    units = job.then.get("units", "metric")
+    if units not in _UNITS:
+        raise _no_options(folder, "'units'")
+    return str(units)
+
+
+def finished(folder: Path, job: Job) -> Optional[Mapping[str, Any]]:
+    """Return the measurement of a job that has nothing left to do; None while there is work."""
+    page = folder / REPORT / "report.json"
+    if job.state != DONE:
+        return None
+    with suppress(OSError, InputError, ValueError, RecursionError):
+        if page.stat().st_mtime_ns >= (folder / JOURNAL).stat().st_mtime_ns:
+            data = read_small(page, most=_MOST_BYTES, what="a report", error=InputError)
+            found = json.loads(data, parse_constant=_refused)
+            return found if _is_report(found) else None
+    return None
+
+
+def _refused(constant: str) -> Any:
+    raise ValueError(constant)
+
+
+def _is_report(found: Any) -> bool:
+    rows = found.get("results") if isinstance(found, dict) else None
+    return isinstance(rows, list) and all(
+        isinstance(row, dict) and isinstance(row.get("name"), str) for row in rows
+    )
+
+
+def _fits(value: Any, hint: Any) -> bool:
+    """Whether a value that JSON gave is of an option's type; a file's name is a text."""
+    kinds = {str if kind is Any else kind for kind in get_args(hint) or (hint,)}
+    return type(value) in kinds or (type(value) is int and float in kinds)
+
+
+def require_own_files(folder: Path, job: Job, options: Mapping[str, Any]) -> None:
+    """Raise JobError for files to measure by that somebody else chose, outside their folder."""
+    for name in () if is_own(job) else FILES:
+        if options.get(name) is not None:
+            path = Path(options[name]).resolve()
+            if folder.resolve() not in path.parents:
+                raise JobError(
+                    f"{folder}: the result is in {folder / ARCHIVE}, and the journal of somebody "
+                    f"else wants it measured by {path} (--{name}); if you want that, too, use "
+                    f"'quantify-client volume {folder / ARCHIVE}' with options of your own"
+                )
+
+
+def _no_options(folder: Path, what: str) -> JobError:
+    return JobError(
+        f"{folder / JOURNAL}: its options for measuring are damaged, or of another version "
+        f"({what}); measure with 'quantify-client volume {folder / ARCHIVE}' and your own options"
+    )
