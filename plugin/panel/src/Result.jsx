@@ -17,8 +17,21 @@ export default class Result extends React.Component {
     this.props.onSave(name).catch((error) => this.setState({ saving: false, error: error.message }));
   };
 
+  drop = () => {
+    this.setState({ saving: true, error: null });
+    this.props.onDrop().catch((error) => this.setState({ saving: false, error: error.message }));
+  };
+
+  /** How long a result that is not saved is there. */
+  keptWords() {
+    const { own } = this.props;
+    if (!own) return _("This result was dropped in another window: it cannot be saved any more.");
+    if (!own.kept_until) return _("Not saved yet.");
+    return fill(_("Not saved yet: kept for you, in any browser, until %(date)s."), { date: when(own.kept_until) });
+  }
+
   render() {
-    const { doc, unsaved, units, info } = this.props;
+    const { doc, unsaved, own, units, info } = this.props;
     const { measurement } = doc;
     const result = measurement.results[this.state.chosen] || {};
     return (
@@ -33,8 +46,8 @@ export default class Result extends React.Component {
           <Details doc={doc} units={units} />
         </div>
         <div className="vc-foot theme-secondary">
-          {unsaved && info.can_change ? (
-            <NameField suggested={this.props.suggested} busy={this.state.saving} onSave={this.save} />
+          {own && info.can_change ? (
+            <NameField suggested={doc.name} busy={this.state.saving} onSave={this.save} />
           ) : null}
           {this.state.error ? <Notice kind="error">{this.state.error}</Notice> : null}
           {unsaved ? null : this.renderExport()}
@@ -44,7 +57,7 @@ export default class Result extends React.Component {
   }
 
   renderHead() {
-    const { doc, unsaved, info, onNew, onBack, onEdit, onRename } = this.props;
+    const { doc, unsaved, own, info, onNew, onBack, onEdit, onRename } = this.props;
     const meta = [when(doc.date), doc.user].filter(Boolean).join(" · ");
     return (
       <div className="vc-result-head">
@@ -54,6 +67,8 @@ export default class Result extends React.Component {
             <Button onClick={() => onEdit(doc)} title={_("Change the area or the settings and measure again")}>
               <Icon name="pencil" /> {_("Change")}
             </Button>
+            <Button onClick={this.drop} disabled={this.state.saving || !own}><Icon name="trash" /> {_("Drop")}</Button>
+            <p className="vc-quiet">{this.keptWords()}</p>
           </div>
         ) : (
           <div>
@@ -93,7 +108,7 @@ export default class Result extends React.Component {
   }
 
   renderResult(result) {
-    const { doc, units } = this.props;
+    const { doc, units, onMap } = this.props;
     const terrain = doc.measurement.shape === "terrain";
     const layer = (doc.layers || [])[this.state.chosen];
     const [low, high] = result.interval95_m3 || [];
@@ -124,7 +139,7 @@ export default class Result extends React.Component {
         ))}</dl>
         {(result.warnings || []).map((words) => <Notice key={words} kind="warning">{words}</Notice>)}
         {result.slices && result.slices.length ? <Chart result={result} terrain={terrain} units={units} /> : null}
-        {layer && layer.relief ? <Legend relief={layer.relief} units={units} terrain={terrain} /> : null}
+        {onMap && layer && layer.relief ? <Legend relief={layer.relief} units={units} terrain={terrain} /> : null}
         <Fold title={_("What the error is made of")} said={units.margin(result.std_m3)}>
           <Budget result={result} units={units} />
         </Fold>

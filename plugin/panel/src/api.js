@@ -64,8 +64,12 @@ export class TaskApi {
     return request("GET", `${this.root}/`);
   }
 
-  start(area, options, control) {
-    return request("POST", `${this.root}/jobs`, { area, options, control });
+  start(area, options, control, name) {
+    return request("POST", `${this.root}/jobs`, { area, options, control, name });
+  }
+
+  jobs() {
+    return request("GET", `${this.root}/jobs`);
   }
 
   job(id) {
@@ -74,6 +78,14 @@ export class TaskApi {
 
   cancel(id) {
     return request("DELETE", `${this.root}/jobs/${encodeURIComponent(id)}`);
+  }
+
+  drop(id) {
+    return request("POST", `${this.root}/jobs/${encodeURIComponent(id)}/drop`, {});
+  }
+
+  startAgain(id) {
+    return request("POST", `${this.root}/jobs/${encodeURIComponent(id)}/again`, {});
   }
 
   result(id) {
