@@ -84,6 +84,15 @@ def tasks(stand_in):
 
 
 @pytest.fixture(scope="session")
+def task_cloud(tmp_path_factory):
+    """The cloud where OpenDroneMap puts it: its heights mean something else than a surveyor's."""
+    cloud = tmp_path_factory.mktemp("task") / "odm_georeferencing" / "odm_georeferenced_model.laz"
+    cloud.parent.mkdir()
+    shutil.copy(DEMO, cloud)
+    return cloud
+
+
+@pytest.fixture(scope="session")
 def outline():
     """The round structure's outline: [[lon, lat], ...], not closed, a few points only."""
     from pyproj import Transformer

@@ -1,25 +1,13 @@
 """The panel in a browser, against the plugin's own API, a real worker and the real cloud."""
 
 import json
-import shutil
 import time
 
 import pytest
 
 from quantify_client import measure
 
-from .conftest import DEMO
-
 pytestmark = pytest.mark.one_python
-
-
-@pytest.fixture(scope="module")
-def task_cloud(tmp_path_factory):
-    """The cloud where OpenDroneMap puts it: its heights mean something else than a surveyor's."""
-    cloud = tmp_path_factory.mktemp("task") / "odm_georeferencing" / "odm_georeferenced_model.laz"
-    cloud.parent.mkdir()
-    shutil.copy(DEMO, cloud)
-    return cloud
 
 
 @pytest.fixture(scope="module")

@@ -5,20 +5,22 @@ import { Acting } from "./acting";
 import { _, fill } from "./gettext";
 import { goesOn } from "./jobs";
 import { Bar } from "./Progress";
-import { Button, Icon, IconButton, Notice, Spinner } from "./ui";
+import { Button, Fold, Icon, IconButton, Notice, Spinner } from "./ui";
 import { endWords, stateWords, when } from "./words";
 
 const FEW = 3;
 
 export default class Mine extends Acting {
+  state = { asking: null, busy: null, error: null, open: true, all: false };
+
   render() {
     const { rows, limits, problem } = this.props;
     if (!rows.length) return null;
     const shown = this.state.all ? rows : rows.slice(0, FEW);
     const days = limits.kept_days;
     return (
-      <section className="vc-mine" aria-label={_("My measurements")}>
-        <div className="vc-label">{_("My measurements")}</div>
+      <Fold title={_("My measurements")} className="vc-mine" said={rows.length} open={this.state.open}
+        onToggle={(open) => this.setState({ open })}>
         <p className="vc-quiet">
           {_("Only you see these, in any browser, until you save or drop them.")}
           {days ? ` ${fill(_("What has ended is kept for %(days)s days."), { days })}` : ""}
@@ -30,7 +32,7 @@ export default class Mine extends Acting {
             {fill(_("Show all %(count)s"), { count: rows.length })}
           </Button>
         ) : null}
-      </section>
+      </Fold>
     );
   }
 

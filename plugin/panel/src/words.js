@@ -51,14 +51,15 @@ export function when(text, withTime = true) {
 export function seconds(value) {
   if (!Number.isFinite(value)) return "";
   const whole = Math.round(value);
-  return whole < 60 ? `${whole} s` : `${Math.floor(whole / 60)} min ${whole % 60} s`;
+  if (whole < 60) return `${whole} s`;
+  return `${Math.floor(whole / 60)} min${whole % 60 ? ` ${whole % 60} s` : ""}`;
 }
 
-/** A length of time in its largest sensible unit: "40 s", "3 min 20 s", "5 h", "7 days". */
+/** A length of time in its largest sensible unit: "40 s", "3 min 20 s", "5 h", "7 d". */
 export function span(value) {
   if (!(value >= 7200)) return seconds(value);
   const hours = Math.round(value / 3600);
-  return hours < 48 ? `${hours} h` : fill(_("%(days)s days"), { days: Math.round(hours / 24) });
+  return hours < 48 ? `${hours} h` : `${Math.round(hours / 24)} d`;
 }
 
 const STAGES = {
