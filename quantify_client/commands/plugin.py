@@ -10,7 +10,7 @@ from ..report.words import printable
 __all__ = ["plugin"]
 
 _FOR = {
-    True: "for WebODM's own images (Python 3.9, x86-64): nothing is downloaded, 43 MB on the server",
+    True: "for WebODM's own images (Python 3.9, x86-64): no download, 43 MB on the server",
     False: "for other servers: WebODM downloads the requirements, 117 MB on the server",
 }
 

@@ -1,6 +1,5 @@
 """My measurements: what waits, runs, or has ended unsaved, as the server tells of it."""
 
-import json
 import re
 
 import pytest
@@ -171,9 +170,7 @@ def test_long_and_hostile_names_are_texts_and_stay_inside(played):
     name = "<img src=x onerror=alert(1)>" + "W" * 52
     error = "<b>no</b> " + "x" * 400
     for how in ({"color_scheme": "dark"}, {"size": (320, 568), "has_touch": True}):
-        page, _ = played(
-            row(2, "done", name=name), row(1, "failed", name=name, error=error), **how
-        )
+        page, _ = played(row(2, "done", name=name), row(1, "failed", name=name, error=error), **how)
         assert page.page.locator(".vc-mine img, .vc-mine b").count() == 0
         assert name in words_of(page, 2)
         inside = """() => [...document.querySelectorAll(".volcalc-panel, .vc-body, .vc-mine li")]
