@@ -188,6 +188,6 @@ def test_file_in_the_place_of_the_folder_is_told(host):
         place.unlink()
         if away:
             away.rename(place)
-    assert answer.status == 507
-    assert "cannot write" in answer.error
+    assert answer.status == 409
+    assert "in the place of the folder volcalc" in answer.error
     assert str(host.data) not in answer.error

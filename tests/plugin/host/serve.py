@@ -86,7 +86,7 @@ def application():
 
 def prepare(data: Path, archive: Path | None, public: Path | None) -> None:
     """Unpack the plugin where WebODM would have it."""
-    for name in ("media/plugins", "queue", "running", "results", "revoked"):
+    for name in ("media/plugins", "queue", "running", "results"):
         (data / name).mkdir(parents=True, exist_ok=True)
     for stale in (data / "running").iterdir():
         stale.unlink()

@@ -56,6 +56,11 @@ class Geometry:
         )
 
     @property
+    def num_coords(self):
+        """The number of corners."""
+        return sum(map(len, self.coords))
+
+    @property
     def geojson(self):
         """Latitude first: the trap is kept."""
         rings = [[[y, x] for x, y in ring] for ring in self.coords]
