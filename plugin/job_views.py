@@ -8,7 +8,7 @@ from .folders import ENDED, all_jobs
 from .listing import job_row, own_rows
 from .starting import area_of, start
 
-__all__ = ["Drop", "JobResult", "Jobs", "OneJob", "own_jobs"]
+__all__ = ["Drop", "JobResult", "Jobs", "OneJob", "StartAgain", "own_jobs"]
 
 
 def own_jobs(request, task):
@@ -83,3 +83,24 @@ class JobResult(VolumeView):
         if document is None:
             return self.answer({"error": f"the measurement is {state}", "state": state}, 409)
         return self.answer({**document, "user": (folder.about() or {}).get("user_name")})
+
+
+class StartAgain(VolumeView):
+    """One that was lost, cancelled or failed, once more."""
+
+    def post(self, request, pk=None, job=None):
+        """Queue what was asked the first time; the new one takes the old one's place."""
+        task = self.task(request, pk, change=True)
+        old = self.job(request, task, job)
+        state, asked = old.state()["state"], old.asked()
+        if state not in ENDED:
+            raise refused(409, "the measurement still goes on; wait for it, or cancel it first")
+        if state == "done":
+            raise refused(409, "the measurement is done; open its result")
+        if asked is None:
+            raise refused(409, "what was asked is no longer there; measure anew")
+        wanted = {key: asked[key] for key in ("area", "options", "control", "name")}
+        folder = start(request, task, **wanted)
+        if (old.about() or {}).get("user") == request.user.pk:
+            old.remove()
+        return self.answer({"job": folder.job, "state": folder.state()["state"]}, 202)

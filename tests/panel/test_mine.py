@@ -1,6 +1,8 @@
 """My measurements: what waits, runs, or has ended unsaved, as the server tells of it."""
 
+import json
 import re
+import urllib.request
 
 import pytest
 
@@ -101,7 +103,7 @@ def test_every_state_is_said_with_what_can_be_done(played):
     page, _ = played(*(dict(each) for each in ALL))
     stage = page.page.inner_text(".vc-progress .vc-stage")
     assert "2 before it" in stage
-    assert "within 30 min" in page.page.inner_text(".vc-progress")
+    assert "after 30 min" in page.page.inner_text(".vc-progress")
     page.picture("mine-progress")
     page.page.click("text=Measure another")
     page.page.wait_for_selector(".vc-run")
@@ -177,3 +179,170 @@ def test_long_and_hostile_names_are_texts_and_stay_inside(played):
             .every((box) => box.scrollWidth <= box.clientWidth)"""
         assert page.page.evaluate(inside)
         page.picture("mine-dark" if "size" not in how else "mine-phone")
+
+
+# The same with the plugin's own server and worker.
+
+
+@pytest.fixture
+def worker(stand_in):
+    """Stops the worker, or has it go on; at the end it works."""
+
+    def tell(what):
+        order = urllib.request.Request(f"{stand_in[0]}/test/worker/{what}", method="POST")  # noqa: S310
+        urllib.request.urlopen(order).close()  # noqa: S310
+
+    yield tell
+    tell("go")
+
+
+@pytest.fixture
+def forget(open_page, stand_in, tasks):
+    """The owner's measurements of a task are gone before a test."""
+    address, _ = stand_in
+
+    def drop_all(name):
+        context = open_page().page.context
+        root = f"{address}/api/plugins/volcalc/task/{tasks[name]['id']}/jobs"
+        context.request.get(f"{address}/test/token")
+        token = next(c["value"] for c in context.cookies() if c["name"] == "csrftoken")
+        headers = {"X-CSRFToken": token}
+        for each in context.request.get(root).json():
+            context.request.delete(f"{root}/{each['job']}", headers=headers)
+            answer = context.request.post(f"{root}/{each['job']}/drop", headers=headers)
+            assert answer.status == 204, answer.text()
+
+    return drop_all
+
+
+def begin(page):
+    page.page.click(".vc-choice label:has-text('Crop')")
+    page.page.click("text=Measure volume")
+    page.page.wait_for_selector(".vc-progress button:enabled")
+
+
+def test_a_closed_browser_loses_nothing(open_page, tasks, worker, forget):
+    """Closed while it waits; another one finds it waiting, a third one its result."""
+    forget("Mine")
+    mine = ("Mine", tasks["Mine"])
+    worker("stop")
+    first = open_page().open(mine).open_panel()
+    begin(first)
+    first.page.context.close()
+    second = open_page().open(mine).open_panel()
+    second.page.wait_for_selector(".vc-progress >> text=Waiting for a worker")
+    second.page.context.close()
+    worker("go")
+    third = open_page().open(mine).open_panel()
+    third.page.wait_for_selector(".vc-job-done, .vc-hero")
+    if third.page.locator(".vc-hero").count():  # it ended while the panel was looking
+        third.page.click("text=New measurement")
+    assert "kept until" in third.page.inner_text(".vc-job-done")
+    third.page.click(".vc-job-done >> text=Open")
+    third.page.wait_for_selector(".vc-hero")
+    assert "kept for you, in any browser, until" in third.page.inner_text(".vc-result-head")
+    # Nobody else sees it, and nothing of it is in the browser.
+    assert third.page.evaluate("[sessionStorage.length, Object.keys(localStorage)]") == [0, []]
+    third.page.click(".vc-foot >> text=Save")
+    third.page.wait_for_selector(".vc-export")
+    fourth = open_page().open(mine).open_panel()
+    fourth.page.wait_for_selector("role=tab[name='Saved (1)']")
+    assert fourth.page.locator(".vc-mine").count() == 0
+    # Deleted, it does not come back as one that is not saved.
+    fourth.page.click("role=tab[name='Saved (1)']")
+    fourth.page.click("[aria-label^='Delete']")
+    fourth.page.click(".vc-ask >> text=Delete >> nth=-1")
+    fourth.page.wait_for_selector("text=Nothing saved yet")
+    fourth.page.wait_for_timeout(500)
+    fifth = open_page().open(mine).open_panel()
+    fifth.page.wait_for_selector(".vc-run")
+    assert fifth.page.locator(".vc-mine").count() == 0
+
+
+def test_two_windows_agree(open_page, tasks, forget):
+    forget("Mine")
+    mine = ("Mine", tasks["Mine"])
+    here, there = (open_page().open(mine).open_panel() for _ in range(2))
+    focus = "window.dispatchEvent(new Event('focus'))"
+    begin(here)
+    here.page.wait_for_selector(".vc-hero")
+    there.page.evaluate(focus)
+    there.page.wait_for_selector(".vc-job-done")
+    there.page.click(".vc-job-done >> text=Open")
+    there.page.wait_for_selector(".vc-naming")
+    # Saved here: there it is a saved one as well, by the name that it was given.
+    here.page.fill("[aria-label='Name of the measurement']", "Of two windows")
+    here.page.click(".vc-foot >> text=Save")
+    here.page.wait_for_selector(".vc-export")
+    there.page.evaluate(focus)
+    there.page.wait_for_selector(".vc-export")
+    assert "Of two windows" in there.page.inner_text(".vc-result-head")
+    # Dropped here: there it cannot be saved any more, and that is said.
+    here.page.click("role=tab[name='Measure']")
+    begin(here)
+    here.page.wait_for_selector(".vc-hero")
+    there.page.click("role=tab[name='Measure']")
+    there.page.evaluate(focus)
+    there.page.click(".vc-job-done >> text=Open")
+    there.page.wait_for_selector(".vc-naming")
+    here.page.click(".vc-result-head >> text=Drop")
+    here.page.wait_for_selector(".vc-run")
+    there.page.evaluate(focus)
+    there.page.wait_for_selector("text=dropped in another window")
+    assert there.page.locator(".vc-naming").count() == 0
+    root = f"{here.address}/api/plugins/volcalc/task/{tasks['Mine']['id']}/measurements"
+    [kept] = here.page.request.get(root).json()
+    there.page.click("role=tab[name='Saved (1)']")
+    there.page.click("[aria-label='Delete Of two windows']")
+    there.page.click(".vc-ask >> text=Delete >> nth=-1")
+    there.page.wait_for_selector("text=Nothing saved yet")
+    assert here.page.request.get(f"{root}/{kept['id']}").status == 404
+
+
+def test_a_failed_one_says_why_and_starts_again(open_page, tasks, outline, stand_in, forget):
+    forget("Mine")
+    page = open_page().open(("Mine", tasks["Mine"])).open_panel()
+    root = f"{page.address}/api/plugins/volcalc/task/{tasks['Mine']['id']}/jobs"
+    begin(page)
+    page.page.wait_for_selector(".vc-hero")
+    page.page.click("text=New measurement")
+    [done] = page.page.request.get(root).json()
+    # As a worker leaves one that failed.
+    [state] = stand_in[1].rglob(f"jobs/{done['job']}/state.json")
+    told = json.loads(state.read_text())
+    state.write_text(json.dumps({**told, "state": "failed", "error": "the cloud was away"}))
+    page.page.evaluate("window.dispatchEvent(new Event('focus'))")
+    page.page.wait_for_selector(".vc-job-failed >> text=he cloud was away")
+    page.page.click(".vc-job-failed >> text=Start again")
+    page.page.wait_for_selector(".vc-hero")
+    [again] = page.page.request.get(root).json()
+    assert (again["job"] != done["job"], again["name"]) == (True, done["name"])
+
+
+def test_one_that_the_queue_lost_says_so_and_starts_again(
+    open_page, tasks, stand_in, worker, forget
+):
+    forget("Mine")
+    worker("stop")
+    page = open_page().open(("Mine", tasks["Mine"])).open_panel()
+    root = f"{page.address}/api/plugins/volcalc/task/{tasks['Mine']['id']}/jobs"
+    begin(page)
+    page.page.context.close()
+    for message in (stand_in[1] / "queue").glob("*.json"):
+        message.unlink()
+    later = open_page()
+    [waiting] = later.page.request.get(root).json()
+    [folder] = stand_in[1].rglob(f"jobs/{waiting['job']}")
+    # Six minutes pass, and the queue is asked twice.
+    about = json.loads((folder / "job.json").read_text())
+    (folder / "job.json").write_text(json.dumps({**about, "created": about["created"] - 360.0}))
+    later.page.request.get(root)
+    asked = json.loads((folder / "asked_for.json").read_text())
+    (folder / "asked_for.json").write_text(json.dumps([asked[0] - 60.0, *asked[1:]]))
+    worker("go")
+    later.open(("Mine", tasks["Mine"])).open_panel()
+    lost = later.page.wait_for_selector(".vc-job-lost")
+    assert "queue no longer has this measurement" in lost.inner_text()
+    later.page.click(".vc-job-lost >> text=Start again")
+    later.page.wait_for_selector(".vc-hero")
+    assert [each["state"] for each in later.page.request.get(root).json()] == ["done"]

@@ -62,18 +62,16 @@ def test_a_job_that_the_server_forgot_is_said_to_be_gone(open_page, tasks):
     page.page.click(".vc-choice label:has-text('All')")
     forgotten = {"status": 404, "json": {"error": "there is no such measurement"}}
     started = {"status": 202, "json": {"job": "b" * 32, "state": "queued"}}
-    page.page.route("**/jobs", lambda route: route.fulfill(**started))
+
+    def jobs(route):
+        route.fulfill(**(started if route.request.method == "POST" else {"json": []}))
+
+    page.page.route("**/jobs", jobs)
     page.page.route("**/jobs/*", lambda route: route.fulfill(**forgotten))
     page.page.click("text=Measure volume")
     said = page.page.wait_for_selector(".vc-error").inner_text()
-    assert "measure again" in said
-    # One that is only remembered from before a reload is nothing to speak of.
-    remember = "(task) => sessionStorage.setItem('volcalc.job.' + task, 'a'.repeat(32))"
-    page.page.evaluate(remember, tasks["Beach LAZ"]["id"])
-    page.open(("Beach LAZ", tasks["Beach LAZ"])).open_panel()
+    assert "Measure again" in said
     page.page.wait_for_selector(".vc-run")
-    page.page.wait_for_timeout(500)
-    assert page.page.locator(".vc-error").count() == 0
 
 
 def test_a_series_says_which_base_each_volume_has(open_page, tasks, outline):

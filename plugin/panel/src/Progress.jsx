@@ -55,7 +55,7 @@ export default class Progress extends React.Component {
     if (job.state === "running") return since ? `${fill(_("For %(time)s."), { time: since })} ${kept}` : kept;
     const begins = _("It begins as soon as a worker of this server is free.");
     const given = limits.queued_lost_after_s
-      ? ` ${fill(_("If none takes it within %(time)s, it counts as lost and can be started again."),
+      ? ` ${fill(_("Should the server's queue lose it, you are told so after %(time)s, and can start it again."),
         { time: span(limits.queued_lost_after_s) })}`
       : "";
     return `${begins}${given} ${kept}`;
