@@ -99,16 +99,16 @@ ALL = (
 )
 
 
-def test_every_state_is_said_with_what_can_be_done(played):
+def test_every_state_is_said_with_what_can_be_done(played, outline):
     page, _ = played(*(dict(each) for each in ALL))
     stage = page.page.inner_text(".vc-progress .vc-stage")
     assert "2 before it" in stage
     assert "after 30 min" in page.page.inner_text(".vc-progress")
-    page.picture("mine-progress")
     page.page.click("text=Measure another")
     page.page.wait_for_selector(".vc-run")
+    page.look_at(outline)
+    page.picture("panel-mine")
     page.page.click("text=Show all 6")
-    page.picture("mine-all")
     assert "2 before it" in words_of(page, 7)
     assert "Reading points · 41 %" in words_of(page, 6)
     assert "Finished, not saved" in words_of(page, 5)
@@ -157,15 +157,20 @@ def test_dropping_what_is_not_saved_is_asked_about_and_the_rest_is_not(played):
 def test_what_the_queue_refuses_is_said_beside_the_measurement(played):
     page, server = played(row(2, "queued", place=0), row(1, "cancelled"))
     page.page.click("text=Measure another")
+    page.page.click(".vc-choice label:has-text('All')")
     server.broken = {"status": 503, "json": {"error": "WebODM's queue does not answer"}}
     press(page, "Cancel", 2)
     page.page.wait_for_selector(f"[data-job='{2:032x}'] .vc-error >> text=queue does not answer")
     # The list is not answered either: what is known stays, and it is said.
     page.page.wait_for_selector(".vc-mine .vc-warning >> text=queue does not answer")
     assert page.page.locator("[data-job]").count() == 2
+    page.page.click("text=Measure volume")
+    page.page.wait_for_selector(".vc-errors >> text=queue does not answer")
+    assert page.page.is_enabled(".vc-run")  # the form is as it was
     server.broken = None
     press(page, "Cancel", 2)
     page.page.wait_for_selector(f"[data-job='{2:032x}'].vc-job-cancelled")
+    assert page.page.locator(".vc-mine .vc-warning, .vc-mine .vc-error").count() == 0
 
 
 def test_long_and_hostile_names_are_texts_and_stay_inside(played):
@@ -178,7 +183,6 @@ def test_long_and_hostile_names_are_texts_and_stay_inside(played):
         inside = """() => [...document.querySelectorAll(".volcalc-panel, .vc-body, .vc-mine li")]
             .every((box) => box.scrollWidth <= box.clientWidth)"""
         assert page.page.evaluate(inside)
-        page.picture("mine-dark" if "size" not in how else "mine-phone")
 
 
 # The same with the plugin's own server and worker.
@@ -240,7 +244,7 @@ def test_a_closed_browser_loses_nothing(open_page, tasks, worker, forget):
     assert "kept until" in third.page.inner_text(".vc-job-done")
     third.page.click(".vc-job-done >> text=Open")
     third.page.wait_for_selector(".vc-hero")
-    assert "kept for you, in any browser, until" in third.page.inner_text(".vc-result-head")
+    assert "Not saved yet. Kept for you until" in third.page.inner_text(".vc-result-head")
     # Nobody else sees it, and nothing of it is in the browser.
     assert third.page.evaluate("[sessionStorage.length, Object.keys(localStorage)]") == [0, []]
     third.page.click(".vc-foot >> text=Save")
@@ -285,7 +289,8 @@ def test_two_windows_agree(open_page, tasks, forget):
     there.page.evaluate(focus)
     there.page.click(".vc-job-done >> text=Open")
     there.page.wait_for_selector(".vc-naming")
-    here.page.click(".vc-result-head >> text=Drop")
+    here.page.click("[aria-label='Drop this result']")
+    here.page.click(".vc-ask >> text=Drop >> nth=-1")
     here.page.wait_for_selector(".vc-run")
     there.page.evaluate(focus)
     there.page.wait_for_selector("text=dropped in another window")

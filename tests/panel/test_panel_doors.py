@@ -89,11 +89,11 @@ def test_the_3d_view_of_a_task_without_a_map_measures_the_whole_cloud(model_page
     assert page.page.locator("[name='volcalc-area']:checked").get_attribute("value") == "whole"
     assert page.page.locator("[name='volcalc-area'][value='draw']").is_disabled()
     assert "no orthophoto or elevation model" in page.page.inner_text(".vc-area")
-    page.picture("model-form")
     page.measure()
-    page.picture("model-result")
-    expected = measure(task_cloud, shape="terrain").results[0].volume_m3
-    assert float(page.hero().split()[0]) == pytest.approx(expected, rel=2e-3)
+    [expected] = measure(task_cloud, shape="terrain").results
+    # Shown in the digits that its standard deviation leaves.
+    shown = float(page.hero().split()[0])
+    assert shown == pytest.approx(expected.volume_m3, abs=expected.std_m3 / 10)
     assert page.page.locator(".vc-legend").count() == 0  # its colours would be on a map
     page.page.click("text=New measurement")
     # The button closes the panel and opens it again with what was in it.

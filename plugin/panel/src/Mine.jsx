@@ -1,7 +1,7 @@
 // My measurements: those of the visitor that wait, run, or have ended and are not saved.
 
 import React from "React";
-import { Acting } from "./acting";
+import { Acting, askDrop } from "./acting";
 import { _, fill } from "./gettext";
 import { goesOn } from "./jobs";
 import { Bar } from "./Progress";
@@ -56,12 +56,8 @@ export default class Mine extends Acting {
         {goesOn(row) ? <Bar job={row} label={stateWords(row)} /> : null}
         {why ? <Notice kind={row.state === "failed" ? "error" : "warning"}>{why}</Notice> : null}
         <div className="vc-quiet">{[begun, until].filter(Boolean).join(" · ")}</div>
-        {this.state.asking === job ? this.renderAsk(job, {
-          question: _("Drop this result? It is not saved, and cannot be brought back."),
-          yes: _("Drop"),
-          no: _("Keep"),
-          doing: () => this.props.onDrop(row),
-        }) : this.renderActions(row, name)}
+        {this.state.asking === job ? this.renderAsk(job, { ...askDrop(), doing: () => this.props.onDrop(row) })
+          : this.renderActions(row, name)}
         {this.renderError(job)}
       </li>
     );

@@ -178,8 +178,8 @@ export default class Panel extends React.Component {
       this.openOwn({ job, task }).catch((error) => this.setState({ error: error.message }));
     } else if (state === "gone") {
       this.setState({
-        error: _("The server no longer knows this measurement: it was dropped in another window, or the plugin " +
-          "was replaced. Measure again."),
+        error: _("The server no longer knows this measurement: it was dropped in another window, the plugin was " +
+          "replaced, or you are no longer logged in. Reload the page, and measure again."),
       });
     }
   };

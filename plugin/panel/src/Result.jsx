@@ -1,33 +1,24 @@
 // What came out: the volume first and large, then what it is made of and what it rests on.
 
 import React from "React";
+import { Acting, askDrop } from "./acting";
 import Chart from "./Chart";
 import { _, fill } from "./gettext";
 import { NameField, Rename } from "./Naming";
 import { Bases, Budget, Details, Legend } from "./ResultParts";
 import { percent } from "./units";
 import { baseName, when } from "./words";
-import { Button, Fold, Icon, Notice } from "./ui";
+import { Button, Fold, Icon, IconButton, Notice } from "./ui";
 
-export default class Result extends React.Component {
-  state = { chosen: 0, saving: false, error: null };
-
-  save = (name) => {
-    this.setState({ saving: true, error: null });
-    this.props.onSave(name).catch((error) => this.setState({ saving: false, error: error.message }));
-  };
-
-  drop = () => {
-    this.setState({ saving: true, error: null });
-    this.props.onDrop().catch((error) => this.setState({ saving: false, error: error.message }));
-  };
+export default class Result extends Acting {
+  state = { asking: null, busy: null, error: null, chosen: 0 };
 
   /** How long a result that is not saved is there. */
   keptWords() {
     const { own } = this.props;
     if (!own) return _("This result was dropped in another window: it cannot be saved any more.");
     if (!own.kept_until) return _("Not saved yet.");
-    return fill(_("Not saved yet: kept for you, in any browser, until %(date)s."), { date: when(own.kept_until) });
+    return fill(_("Not saved yet. Kept for you until %(date)s."), { date: when(own.kept_until) });
   }
 
   render() {
@@ -47,9 +38,10 @@ export default class Result extends React.Component {
         </div>
         <div className="vc-foot theme-secondary">
           {own && info.can_change ? (
-            <NameField suggested={doc.name} busy={this.state.saving} onSave={this.save} />
+            <NameField suggested={doc.name} busy={this.state.busy === "save"}
+              onSave={(name) => this.act("save", () => this.props.onSave(name))} />
           ) : null}
-          {this.state.error ? <Notice kind="error">{this.state.error}</Notice> : null}
+          {this.renderError("save")}
           {unsaved ? null : this.renderExport()}
         </div>
       </div>
@@ -67,8 +59,11 @@ export default class Result extends React.Component {
             <Button onClick={() => onEdit(doc)} title={_("Change the area or the settings and measure again")}>
               <Icon name="pencil" /> {_("Change")}
             </Button>
-            <Button onClick={this.drop} disabled={this.state.saving || !own}><Icon name="trash" /> {_("Drop")}</Button>
+            <IconButton icon="trash" label={_("Drop this result")} disabled={!own}
+              onClick={() => this.setState({ asking: "drop" })} />
             <p className="vc-quiet">{this.keptWords()}</p>
+            {this.state.asking === "drop" ? this.renderAsk("drop", { ...askDrop(), doing: this.props.onDrop }) : null}
+            {this.renderError("drop")}
           </div>
         ) : (
           <div>

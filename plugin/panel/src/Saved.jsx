@@ -73,9 +73,10 @@ export default class Saved extends Acting {
           </Rename>
           {busy === saved.id ? <Spinner /> : null}
         </div>
-        {saved.readable ? this.renderSummary(saved) : (
-          <Notice kind="warning">{saved.problem || _("The file cannot be read.")}</Notice>
-        )}
+        {saved.readable ? this.renderSummary(saved) : null}
+        {saved.problem || !saved.readable ? (
+          <Notice kind={saved.readable ? "note" : "warning"}>{saved.problem || _("The file cannot be read.")}</Notice>
+        ) : null}
         <div className="vc-saved-foot">
           <span className="vc-quiet">{[when(saved.date), saved.user].filter(Boolean).join(" · ")}</span>
           <span className="vc-actions">

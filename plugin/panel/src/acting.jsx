@@ -1,6 +1,7 @@
 // What a list whose rows can be acted on needs: what is asked about, what is busy, what went wrong.
 
 import React from "React";
+import { _ } from "./gettext";
 import { Button, Notice } from "./ui";
 
 export class Acting extends React.Component {
@@ -41,4 +42,9 @@ export class Acting extends React.Component {
       </div>
     );
   }
+}
+
+/** What is asked before a result is dropped that is not saved. */
+export function askDrop() {
+  return { question: _("Drop this result? It is not saved, and cannot be brought back."), yes: _("Drop"), no: _("Keep") };
 }
