@@ -156,6 +156,10 @@ def test_dropping_what_is_not_saved_is_asked_about_and_the_rest_is_not(played):
 
 def test_what_the_queue_refuses_is_said_beside_the_measurement(played):
     page, server = played(row(2, "queued", place=0), row(1, "cancelled"))
+    server.broken = {"status": 503, "json": {"error": "WebODM's queue does not answer"}}
+    page.page.click(".vc-progress > .vc-tools >> text=Cancel")
+    page.page.wait_for_selector(".vc-progress > .vc-error >> text=queue does not answer")
+    server.broken = None
     page.page.click("text=Measure another")
     page.page.click(".vc-choice label:has-text('All')")
     server.broken = {"status": 503, "json": {"error": "WebODM's queue does not answer"}}

@@ -143,7 +143,7 @@ export default class Panel extends React.Component {
 
   begin(started) {
     this.mine.start(started);
-    this.setState({ view: "measure", result: null, sending: false });
+    this.setState({ view: "measure", result: null, sending: false, error: null });
   }
 
   again = (saved, task, taskName) => {
@@ -195,11 +195,6 @@ export default class Panel extends React.Component {
       else this.showDocument(doc, { job, task });
     });
   };
-
-  cancel = (row) => this.mine.cancel(row).catch((error) => {
-    this.setState({ error: error.message });
-    throw error;
-  });
 
   // A result, new or saved.
 
@@ -361,7 +356,7 @@ export default class Panel extends React.Component {
     const { job } = this;
     if (job) {
       return (
-        <Progress key={job.job} job={job} limits={info.limits} problem={this.mine.problem} onCancel={() => this.cancel(job)}
+        <Progress key={job.job} job={job} limits={info.limits} problem={this.mine.problem} onCancel={() => this.mine.cancel(job)}
           onLeave={() => this.mine.follow(null)}>
           {this.renderMine(job.job)}
         </Progress>
@@ -380,7 +375,7 @@ export default class Panel extends React.Component {
     const { info } = this.state;
     return (
       <Mine rows={this.unsaved.filter(({ job }) => job !== but)} info={info} limits={info.limits}
-        problem={but ? null : this.mine.problem} onFollow={(job) => this.mine.follow(job)} onCancel={this.cancel}
+        problem={but ? null : this.mine.problem} onFollow={(job) => this.mine.follow(job)} onCancel={(row) => this.mine.cancel(row)}
         onOpen={this.openOwn} onSave={this.saveOwn} onDrop={(row) => this.mine.drop(row)} onAgain={this.startAgain} />
     );
   }

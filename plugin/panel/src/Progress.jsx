@@ -1,29 +1,15 @@
 // A measurement under way: how far it is, and what its silence means.
 
 import React from "React";
+import { Acting } from "./acting";
 import { _, fill } from "./gettext";
 import { Button, Notice, Spinner } from "./ui";
 import { seconds, span, stateWords } from "./words";
 
-export default class Progress extends React.Component {
-  state = { ending: false };
-
-  cancel = () => {
-    this.setState({ ending: true });
-    this.props.onCancel().catch(() => this.alive && this.setState({ ending: false }));
-  };
-
-  componentDidMount() {
-    this.alive = true;
-  }
-
-  componentWillUnmount() {
-    this.alive = false;
-  }
-
+export default class Progress extends Acting {
   render() {
-    const { job, problem, onLeave, children } = this.props;
-    const { ending } = this.state;
+    const { job, problem, onCancel, onLeave, children } = this.props;
+    const ending = this.state.busy === "cancel";
     const title = ending ? _("Cancelling …") : stateWords(job);
     return (
       <div className="vc-body vc-progress">
@@ -38,10 +24,11 @@ export default class Progress extends React.Component {
         {problem ? <Notice kind="warning">{problem} {_("The measurement itself goes on.")}</Notice> : null}
         {job.job ? (
           <div className="vc-tools">
-            <Button onClick={this.cancel} disabled={ending}>{_("Cancel")}</Button>
+            <Button onClick={() => this.act("cancel", onCancel)} disabled={ending}>{_("Cancel")}</Button>
             <Button onClick={onLeave} title={_("This one goes on meanwhile")}>{_("Measure another")}</Button>
           </div>
         ) : null}
+        {this.renderError("cancel")}
         {children}
       </div>
     );
