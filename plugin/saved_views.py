@@ -29,8 +29,9 @@ __all__ = ["Again", "Export", "Measurements", "OneMeasurement"]
 _TYPES = {"csv": "text/csv", "geojson": "application/geo+json", "html": "text/html"}
 
 
-#: How many documents are checked at once: each takes a part of a second and up to 150 MB.
-_READERS = 2
+def _reading():
+    """Read at most two documents at once: each takes a part of a second and up to 150 MB."""
+    return one_of(jobs_root(), 2, ".reading")
 
 
 def _read(task, saved):
@@ -38,8 +39,7 @@ def _read(task, saved):
     if not is_id(saved):
         raise exceptions.NotFound("there is no such measurement")
     try:
-        with one_of(jobs_root(), _READERS, ".reading"):
-            return read_document(saved_path(task, saved), saved, task)
+        return read_document(saved_path(task, saved), saved, task)
     except UnreadableError as error:
         raise exceptions.NotFound(f"there is no such measurement ({error})") from None
     except MisshapenError as error:
@@ -124,14 +124,17 @@ class OneMeasurement(VolumeView):
     def get(self, request, pk=None, saved=None):
         """Return the document."""
         task = self.task(request, pk)
-        return self.answer(_shown(request, _read(task, saved), records.names(plugin_here(), task)))
+        with _reading():
+            document = _read(task, saved)
+        return self.answer(_shown(request, document, records.names(plugin_here(), task)))
 
     def patch(self, request, pk=None, saved=None):
         """Give it another name."""
         task = self.task(request, pk, change=True)
         asked = self.body(request, "name")
         name = checked_name(asked.get("name"))
-        document = {**_read(task, saved), "name": name}
+        with _reading():
+            document = {**_read(task, saved), "name": name}
         with _changing(task):
             path = saved_path(task, saved)
             if not path.exists():
@@ -163,9 +166,11 @@ class Export(VolumeView):
         units = request.GET.get("units", "metric")
         if kind not in _TYPES or units not in ("metric", "us"):
             raise MisshapenError("give format=csv, geojson or html, and units=metric or us")
-        document = _shown(request, _read(task, saved), records.names(plugin_here(), task))
+        names = records.names(plugin_here(), task)
         pages = importlib.import_module(f"{__package__}.quantify_client.report.saved")
-        text = pages.exported(document, kind, units)
+        with _reading():
+            document = _shown(request, _read(task, saved), names)
+            text = pages.exported(document, kind, units)
         response = HttpResponse(
             text.encode("utf-8", "replace"), content_type=f"{_TYPES[kind]}; charset=utf-8"
         )
@@ -189,7 +194,8 @@ class Again(VolumeView):
         """Start it."""
         task = self.task(request, pk, change=True)
         asked = self.body(request, "task")
-        document = _read(task, saved)
+        with _reading():
+            document = _read(task, saved)
         other = task
         if asked.get("task") not in (None, str(task.id)):
             other = self.task(request, str(asked["task"])[:64], change=True)

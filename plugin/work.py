@@ -7,10 +7,7 @@ import contextlib
 import importlib
 import json
 import logging
-import os
 import re
-import signal
-import sys
 import threading
 import time
 from dataclasses import replace
@@ -23,6 +20,7 @@ from .quantify_client.errors import CloudError, QuantifyError
 from .quantify_client.pipeline import measure
 from .quantify_client.report.jsonout import to_json
 from .quantify_client.report.layers import map_layers
+from .stopping import stop_process
 from .store import MOST_BYTES, disk_words, write_json
 
 __all__ = ["run", "sized"]
@@ -102,22 +100,11 @@ class _Progress:
             if self._folder.cancelled:
                 asked = now if asked is None else asked
                 if now - asked > _PATIENCE_S:
-                    _stop_process()
+                    stop_process()
             elif now - said >= HEARTBEAT_S:
                 said = now
                 with contextlib.suppress(OSError):
                     self._say()
-
-
-def _stop_process():
-    """End this process in the middle of whatever it does: Celery starts another one.
-
-    Celery's own way, a message to the worker that runs the job, is lost without the broker. A
-    worker that runs jobs in its main process is left alone: it would be gone for good.
-    """
-    pool = sys.modules.get("billiard.process")
-    if pool is not None and pool.current_process().name != "MainProcess":
-        os.kill(os.getpid(), signal.SIGTERM)
 
 
 def run(root, job):

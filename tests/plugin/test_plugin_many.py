@@ -53,43 +53,50 @@ def filled(document, kind):
     else:
         (result,) = document["measurement"]["results"]
         piece = result["slices"][:1]
-        number = SIZE // (len(json.dumps(piece)) + 1) // 30
+        number = SIZE // (len(json.dumps(piece)) + 1) // 60
         result["slices"] = piece * number
-        document["measurement"]["results"] = [result] * 30
+        document["measurement"]["results"] = [result] * 60
     return document
 
 
-def plant(folder, document, *, head, number=100):
-    """Write copies of a document as an all.zip would bring them."""
+def plant(folder, document, *, head):
+    """Write a hundred copies of a document as an all.zip would bring them."""
     folder.mkdir(exist_ok=True)
-    saved = [f"{place:032x}" for place in range(number)]
+    if head:
+        summary = {
+            **dict.fromkeys(("volume_m3", "cut_m3", "fill_m3", "std_m3", "base")),
+            **{"results": 1, "volume_m3": 1.5, "shape": "terrain"},
+        }
+        keys = ("id", "name", "date", "area_key", "options")
+        document = {
+            "head": {**{key: document[key] for key in keys}, "summary": summary},
+            **document,
+        }
+    text = json.dumps(document).encode()
+    saved = [f"{place:032x}" for place in range(100)]
     for one in saved:
-        text = {**document, "id": one}
-        if head:
-            summary = {
-                **dict.fromkeys(("volume_m3", "cut_m3", "fill_m3", "std_m3", "base")),
-                **{"results": 1, "volume_m3": 1.5, "shape": "terrain"},
-            }
-            keys = ("name", "date", "area_key", "options")
-            front = {"id": one, **{key: text[key] for key in keys}, "summary": summary}
-            text = {"head": front, **text}
-        (folder / f"{one}.json").write_text(json.dumps(text))
+        (folder / f"{one}.json").write_bytes(text.replace(document["id"].encode(), one.encode()))
     return saved
 
 
-@pytest.fixture(scope="module", params=["lines", "slices"])
-def large(request, kept):
-    document = filled(kept, request.param)
+@pytest.fixture(scope="module", params=["lines", "lines with heads", "slices"])
+def crowded(request, host, kept):
+    """The public task with a hundred large files; without heads an older version saved them."""
+    kind = request.param.split()[0]
+    document = filled(kept, kind)
     assert 0.9 * SIZE < len(json.dumps(document)) < 8_000_000
-    return request.param, document
+    folder = host.assets("Public") / "volcalc"
+    before = set(folder.glob("*.json")) if folder.exists() else set()
+    saved = plant(folder, document, head=request.param.endswith("heads"))
+    yield host.tasks["Public"], saved, request.param
+    for path in set(folder.glob("*.json")) - before:
+        path.unlink()
 
 
-@pytest.mark.parametrize("head", [True, False], ids=["head", "no head"])
-def test_hundred_large_files_are_listed_in_no_time(large, tmp_path, head):
-    kind, document = large
-    saved = plant(tmp_path / "volcalc", document, head=head)
+def test_hundred_large_files_are_listed_in_no_time(host, crowded):
+    _, saved, kind = crowded
     found = subprocess.run(
-        [sys.executable, "-c", LISTED, str(PLUGIN), str(tmp_path)],
+        [sys.executable, "-c", LISTED, str(PLUGIN), str(host.assets("Public"))],
         capture_output=True,
         text=True,
         check=True,
@@ -97,23 +104,12 @@ def test_hundred_large_files_are_listed_in_no_time(large, tmp_path, head):
     told = json.loads(found.stdout)
     assert told["seconds"] < 0.5
     assert told["kilobytes"] < 50_000
-    assert len(told["rows"]) == 100
-    if head:
-        assert {row["id"] for row in told["rows"]} == set(saved)
-        assert {row["summary"]["volume_m3"] for row in told["rows"]} == {1.5}
+    assert len(told["rows"]) >= 100
+    if kind == "lines with heads":
+        told = {row["id"]: row for row in told["rows"]}
+        assert {told[one]["summary"]["volume_m3"] for one in saved} == {1.5}
     elif kind == "slices":
-        assert all("open it" in row for row in told["rows"])
-
-
-@pytest.fixture
-def crowded(host, large):
-    """The public task with a hundred large files, as an older version saved them."""
-    folder = host.assets("Public") / "volcalc"
-    before = set(folder.glob("*.json")) if folder.exists() else set()
-    saved = plant(folder, large[1], head=False)
-    yield host.tasks["Public"], saved, large[0]
-    for path in set(folder.glob("*.json")) - before:
-        path.unlink()
+        assert any("open it" in row for row in told["rows"])
 
 
 def test_anybody_may_list_and_open_them(host, crowded):
@@ -125,14 +121,14 @@ def test_anybody_may_list_and_open_them(host, crowded):
         assert time.perf_counter() - began < 2.0  # 0.1 s on a machine that does nothing else
     rows = {row["id"]: row for row in host.nobody.get(f"{root}/measurements").json}
     assert all(rows[one]["readable"] for one in saved)
+    one = host.nobody.get(f"{root}/measurements/{saved[-1]}")
     if kind == "slices":
         assert "open it" in rows[saved[0]]["problem"]
+    if kind == "lines with heads":
+        assert one.status == 422  # the heads are made up
     else:
-        read = [row for row in rows.values() if row["summary"]]
-        # what comes before the layers is small: the list is read on where it ended
-        assert read
-        assert host.nobody.get(f"{root}/measurements/{saved[0]}").json["name"] == read[0]["name"]
-    assert host.nobody.get(f"{root}/measurements/{saved[-1]}").json["id"] == saved[-1]
+        assert one.status == 200, one.error
+        assert one.json["id"] == saved[-1]
 
 
 def test_no_more_than_two_documents_are_read_at_once(host, beach_task, kept):
