@@ -42,6 +42,24 @@ def test_a_double_click_measures_and_deletes_once(open_page, tasks, outline):
     assert page.page.locator(".vc-error").count() == 0
 
 
+def test_only_tasks_that_have_a_cloud_are_offered_to_measure_again(open_page, tasks, outline):
+    cloud = ["georeferenced_model.laz"]
+    listed = [
+        {"id": "a", "name": "With a cloud", "status": 40, "available_assets": cloud},
+        {"id": "b", "name": "Without one", "status": 40, "available_assets": ["orthophoto.tif"]},
+        {"id": "c", "name": "Under way", "status": 20, "available_assets": []},
+    ]
+    page = open_page().open(("Mine", tasks["Mine"])).open_panel()
+    page.page.route("**/api/projects/*/tasks/?*", lambda route: route.fulfill(json=listed))
+    saved_pile(page, outline)
+    page.page.click("[aria-label='Measure Pile again'] >> nth=0")
+    page.page.wait_for_selector(".vc-ask button:enabled >> text=Measure")
+    assert page.page.locator(".vc-ask option").all_inner_texts()[1:] == ["With a cloud"]
+    page.page.click("[aria-label='Delete Pile'] >> nth=0")
+    page.page.click(".vc-ask >> text=Delete >> nth=-1")
+    page.page.wait_for_selector("text=Nothing saved yet")
+
+
 def test_a_large_file_is_measured_without_handles(open_page, tasks, outline, tmp_path):
     lon, lat = (sum(place[axis] for place in outline) / len(outline) for axis in (0, 1))
     steps = [2.0 * math.pi * step / 9000 for step in range(9000)]

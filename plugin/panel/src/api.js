@@ -127,9 +127,12 @@ export class TaskApi {
   }
 }
 
-/** The finished tasks of a project, as WebODM lists them: [{id, name}]. */
+const POINT_CLOUD = /^georeferenced_model\.(laz|las)$/;
+
+/** The tasks of a project that can be measured, as WebODM lists them: [{id, name}]. */
 export async function projectTasks(project) {
   const tasks = await request("GET", `/api/projects/${encodeURIComponent(project)}/tasks/?ordering=-created_at`);
   const list = Array.isArray(tasks) ? tasks : tasks.results || [];
-  return list.filter((task) => task.status === 40).map(({ id, name }) => ({ id, name }));
+  const hasCloud = ({ available_assets: assets }) => !assets || assets.some((asset) => POINT_CLOUD.test(asset));
+  return list.filter((task) => task.status === 40 && hasCloud(task)).map(({ id, name }) => ({ id, name }));
 }
