@@ -2,7 +2,7 @@
 # make test    everything that must pass: lint, format, types, import contracts, tests, Python 3.9
 # make test-live   the tests that take a real server: NODEODM_URL=http://... (docs/servers.md)
 # make test-webodm   clicks in a real WebODM: WEBODM_URL, WEBODM_USER, WEBODM_PASSWORD (docs/webodm.md)
-# make plugin  build the WebODM plugin: dist/volcalc.zip and dist/volcalc-offline.zip (docs/webodm.md)
+# make plugin  build the WebODM plugin: dist/volcalc-offline.zip and dist/volcalc.zip (docs/webodm.md)
 # make coverage   the tests once more, with the lines that none of them reaches
 # make lint    the checks that need no test run        make format   let ruff mend what it can
 # make clean   remove what these made
@@ -39,9 +39,7 @@ demo: $(VENV)/.ready
 	@echo "The report: $(CURDIR)/demo-out/report.html"
 
 plugin: $(VENV)/.ready
-	$(VENV)/bin/python -c "from pathlib import Path; \
-	  from quantify_client.plugin_build import build_plugin; \
-	  [print(build_plugin(Path('dist'), offline=o)) for o in (False, True)]"
+	$(VENV)/bin/quantify-client plugin --out dist
 
 test: say39 lint lint39 suite suite39
 

@@ -1,15 +1,26 @@
 """What all views share: who may do what, one way of reading and one of refusing."""
 
+import logging
+
 from app.api.common import check_project_perms
 from app.plugins.views import TaskView
 from rest_framework import exceptions, status
 from rest_framework.parsers import BaseParser
 from rest_framework.response import Response
 
+from .folders import JobFolder, sweep
 from .shapes import MisshapenError, read_json
-from .store import JobFolder, is_id
+from .store import BusyError, disk_words, is_id
 
-__all__ = ["TooLarge", "VolumeView", "may_change", "may_view_project", "plugin_here", "refused"]
+__all__ = [
+    "TooLarge",
+    "VolumeView",
+    "jobs_root",
+    "may_change",
+    "may_view_project",
+    "plugin_here",
+    "refused",
+]
 
 #: WebODM itself refuses bodies of 10 MB; nothing here needs more than a tenth of that.
 _MOST_BODY = 2_500_000
@@ -53,10 +64,15 @@ def plugin_here():
     return plugin
 
 
-def refused(code, words):
-    """Return an exception with a status and one line."""
+def jobs_root():
+    """Return the folder of jobs, which WebODM's web processes and workers share."""
+    return plugin_here().get_persistent_path("jobs")
+
+
+def refused(code, words, wait=None):
+    """Return an exception with a status and one line; `wait`: seconds until another try."""
     error = exceptions.APIException(words)
-    error.status_code = code
+    error.status_code, error.wait = code, wait
     return error
 
 
@@ -91,6 +107,11 @@ class VolumeView(TaskView):
         """Give every error the same shape; what is no HTTP error goes on to WebODM."""
         if isinstance(exc, MisshapenError):
             exc = exceptions.ValidationError(str(exc))
+        elif isinstance(exc, BusyError):
+            exc = refused(503, "others keep the server busy; try again in a moment", wait=2)
+        elif isinstance(exc, OSError):
+            logging.getLogger("app.logger").error("volcalc: %s", exc, exc_info=exc)
+            exc = refused(507, disk_words(exc))
         response = super().handle_exception(exc)
         response.data = {"error": _one_line(response.data)}
         return response
@@ -108,12 +129,21 @@ class VolumeView(TaskView):
                 raise refused(403, "this takes the right to change the project; ask its owner")
         return task
 
+    def sweep(self, always=False):
+        """Forget jobs whose time has come, or whose task was deleted."""
+
+        def living(tasks):
+            found = self.queryset.model.objects.filter(pk__in=tasks)
+            return {str(pk) for pk in found.values_list("pk", flat=True)}
+
+        sweep(jobs_root(), living, always)
+
     def job(self, request, task, job):
         """Return the folder of a job of this task that the visitor has to do with."""
         missing = exceptions.NotFound("there is no such measurement under way on this task")
         if not is_id(job):
             raise missing
-        folder = JobFolder(plugin_here().get_persistent_path("jobs"), job)
+        folder = JobFolder(jobs_root(), job)
         about = folder.about()
         if about is None or about.get("task") != str(task.id):
             raise missing

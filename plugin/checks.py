@@ -4,6 +4,7 @@ import hashlib
 import json
 import unicodedata
 
+from .folders import KEPT_DAYS, QUEUED_LOST_S
 from .shapes import (
     Flag,
     Listed,
@@ -25,7 +26,14 @@ __all__ = [
     "polygon_area",
 ]
 
-LIMITS = {"area_bytes": 1_000_000, "vertices": 10_000, "control_bytes": 200_000, "jobs": 2}
+LIMITS = {
+    "area_bytes": 1_000_000,
+    "vertices": 10_000,
+    "control_bytes": 200_000,
+    "jobs": 2,
+    "queued_lost_after_s": QUEUED_LOST_S,
+    "kept_days": KEPT_DAYS,
+}
 
 _MOST_POLYGONS = 100
 _NAME = 80

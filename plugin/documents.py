@@ -5,14 +5,11 @@ The file lies among the task's assets, and an imported all.zip may carry anythin
 
 import base64
 import binascii
-import copy
-import functools
-import math
-import os
 
 from .checks import area_key, checked_area, checked_control, checked_name
 from .shapes import (
     Flag,
+    Lines,
     Listed,
     Mapped,
     Maybe,
@@ -24,14 +21,28 @@ from .shapes import (
     Whole,
     read_json,
 )
-from .store import UnreadableError, is_id, read_capped
+from .store import is_id, read_capped, write_json
+from .summary import agree, entry_from
 
-__all__ = ["SCHEMA", "UnreadableError", "checked_document", "entry_of", "read_document"]
+__all__ = [
+    "HEAD",
+    "SCHEMA",
+    "checked_document",
+    "checked_front",
+    "parsed",
+    "read_document",
+    "write_document",
+]
 
 SCHEMA = "volcalc-measurement/1"
+#: What lists tell of a document is the first member of its file: a list reads no more of it.
+HEAD = "head"
 
 _MOST_PNG = 3_000_000
 _PNG = b"\x89PNG\r\n\x1a\n"
+# What a byte of JSON costs when it is parsed differs: `[],` takes thirty times its length. A list,
+# an object and a value of ours have at least so many bytes each.
+_BYTES_PER, _FEW = {b"[": 12, b"{": 40, b",": 5}, 2000
 
 # Beyond any site in millimetres, and far from where the square of a number overflows.
 _NUMBER, _POSITIVE, _LINE = Number(-1e15, 1e15), Number(0, 1e15), Text(2000)
@@ -223,7 +234,7 @@ _OUTLINE = Record(
         "geometry": Record(
             {
                 "type": Text(among=("MultiLineString",)),
-                "coordinates": Listed(Listed(_LON_LAT, 50_000, 2), 5000),
+                "coordinates": Lines(5000, 50_000, 540),
             }
         ),
         "properties": Record({"z_m": _NUMBER, "height_m": _NUMBER, "area_m2": _NUMBER}),
@@ -249,32 +260,44 @@ _LAYER = Record(
     }
 )
 _PLAIN = OneOf(Flag(), _NUMBER, Text(200))
-_DOCUMENT = Record(
-    {
-        "schema": Text(among=(SCHEMA,)),
-        "id": Text(32, 32),
-        "name": Text(200),
-        "date": Text(40),
-        "task": Text(40),
-        "project": Whole(0),
-        "area": Maybe(_Area()),
-        "area_key": Text(40),
-        "options": Mapped(_PLAIN, 40, 40),
-        "control": Maybe(_Control()),
-        "source": Text(among=("ept", "laz")),
-        "measurement": _MEASUREMENT,
-        "layers": Listed(_LAYER, 200),
-    },
-    required=(
-        *("schema", "id", "name", "date", "task", "project", "area", "options", "source"),
-        *("measurement", "layers"),
-    ),
+_FIELDS = {
+    "schema": Text(among=(SCHEMA,)),
+    "id": Text(32, 32),
+    "name": Text(200),
+    "date": Text(40),
+    "task": Text(40),
+    "project": Whole(0),
+    "area": Maybe(_Area()),
+    "area_key": Text(40),
+    "options": Mapped(_PLAIN, 40, 40),
+    "control": Maybe(_Control()),
+    "source": Text(among=("ept", "laz")),
+    "measurement": _MEASUREMENT,
+    "layers": Listed(_LAYER, 200),
+}
+_REQUIRED = (
+    *("schema", "id", "name", "date", "task", "project", "area", "options", "source"),
+    *("measurement", "layers"),
+)
+_DOCUMENT = Record(_FIELDS, _REQUIRED)
+_FRONT = Record(
+    {key: shape for key, shape in _FIELDS.items() if key != "layers"},
+    [key for key in _REQUIRED if key != "layers"],
 )
 
 
 def checked_document(value):
     """Return a document rebuilt from what it may hold; user names are never taken from a file."""
-    document = _DOCUMENT.clean(value, "the measurement")
+    return _checked(_DOCUMENT, value)
+
+
+def checked_front(value):
+    """Return a document without its layers, checked in the same way."""
+    return _checked(_FRONT, value)
+
+
+def _checked(shape, value):
+    document = shape.clean(value, "the measurement")
     if not is_id(document["id"]):
         raise MisshapenError("the measurement has no valid id")
     document["name"] = checked_name(document["name"])
@@ -294,75 +317,31 @@ def read_document(path, saved, task):
     MisshapenError
         It is no measurement of ours.
     """
-    document = _read(path, saved)
+    document = _read(read_capped(path), saved)
     # A task that was duplicated or imported has the measurements of the one it came from.
     document["task"], document["project"] = str(task.id), task.project.pk
     return document
 
 
-def _read(path, saved):
-    document = checked_document(read_json(read_capped(path)))
+def write_document(path, document):
+    """Write a checked document, with what lists tell of it in front."""
+    write_json(path, {HEAD: entry_from(document), **document})
+
+
+def parsed(data):
+    """Return the JSON of a file, unless it holds so many values that it would fill the memory."""
+    for mark, least in _BYTES_PER.items():
+        if data.count(mark) > _FEW + len(data) / least:
+            raise MisshapenError("it holds far too many values for its size")
+    return read_json(data)
+
+
+def _read(data, saved):
+    value = parsed(data)
+    head = value.pop(HEAD, None) if isinstance(value, dict) else None
+    document = checked_document(value)
     if document["id"] != saved:
         raise MisshapenError("the measurement has another id than its file")
+    if head is not None and not agree(head, entry_from(document)):
+        raise MisshapenError("the measurement is not what lists tell of it")
     return document
-
-
-def entry_of(path, saved):
-    """Return what lists tell of a file: name, date, options, area_key, summary.
-
-    Checking a document takes a good part of a second, and a list has up to 200: it is done anew
-    only when the file is another one. Raises what read_document raises.
-    """
-    try:
-        about = os.stat(str(path), follow_symlinks=False)
-    except OSError as error:
-        raise UnreadableError(error.strerror or "it cannot be read") from error
-    entry = _entry(str(path), saved, about.st_ino, about.st_size, about.st_mtime_ns)
-    if "problem" in entry:
-        raise MisshapenError(entry["problem"])
-    return copy.deepcopy(entry)
-
-
-@functools.lru_cache(maxsize=1000)
-def _entry(path, saved, *_same):
-    try:
-        document = _read(path, saved)
-    except MisshapenError as error:
-        return {"problem": str(error)}
-    kept = {key: document[key] for key in ("name", "date", "options", "area_key")}
-    return {**kept, "summary": summary_of(document)}
-
-
-def summary_of(document):
-    """Return what a list tells of a measurement: the sum of its results."""
-    measured = document["measurement"]
-    results = [result for result in measured["results"] if "error" not in result]
-    return {
-        "results": len(measured["results"]),
-        "volume_m3": _sum(results, "volume_m3"),
-        "cut_m3": _sum(results, "cut_m3"),
-        "fill_m3": _sum(results, "fill_m3"),
-        "std_m3": _joint_std(results),
-        "shape": measured["shape"],
-        "base": results[0]["base"] if results else None,
-    }
-
-
-def _sum(results, key):
-    values = [result[key] for result in results]
-    if not values or any(value is None for value in values):
-        return None
-    return math.fsum(values)
-
-
-def _joint_std(results):
-    """Return the error of a sum: that of the scale is shared by all, the others are each's own."""
-    if not results or any(result["std_m3"] is None for result in results):
-        return None
-    shared = math.fsum(_scale_std(result) for result in results)
-    own = math.fsum(max(r["std_m3"] ** 2 - _scale_std(r) ** 2, 0.0) for r in results)
-    return math.sqrt(shared**2 + own)
-
-
-def _scale_std(result):
-    return math.fsum(item["std_m3"] for item in result["budget"] if item["source"] == "scale")

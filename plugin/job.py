@@ -17,6 +17,15 @@ def run_job(package, root, job):
 
     folder = os.path.join(root, job)
     try:
+        # Whoever makes this file decides: a job that its user was told is lost does not run, and
+        # none runs twice.
+        taken = os.path.join(folder, "taken")
+        os.close(os.open(taken, os.O_CREAT | os.O_EXCL | os.O_WRONLY))
+    except (FileExistsError, FileNotFoundError, NotADirectoryError):
+        return {"output": {"job": job}}
+    except OSError:
+        pass  # a full disk: the measurement will say so
+    try:
         from app.plugins.functions import get_plugin_by_name
 
         name = package.split(".")[-1]
@@ -27,7 +36,7 @@ def run_job(package, root, job):
             work = importlib.import_module(package + ".work")
             work.run(root, job)
     except BaseException as error:
-        if os.path.exists(os.path.join(folder, "cancel")):
+        if os.path.exists(os.path.join(folder, "cancel")) or not os.path.exists(folder):
             return {"output": {"job": job}}
         logging.getLogger("app.logger").exception("volcalc: job %s failed", job)
         # The plugin's own modules may be what failed, so the state is written without them.
@@ -36,12 +45,14 @@ def run_job(package, root, job):
         words = words.format(type(error).__name__)
         if isinstance(error, ImportError):
             words = f"the worker lacks {error.name}: restart WebODM, or add the plugin again"
+        if isinstance(error, OSError) and error.strerror:
+            words = f"the worker cannot read or write its files ({error.strerror}): free some "
+            words += "space on the server's disk, or ask WebODM's administrator"
         try:
-            partial = os.path.join(folder, ".state.json.failed")
-            state = {"state": "failed", "beat": time.time(), "error": words}
-            with open(partial, "w", encoding="utf-8") as stream:
-                json.dump(state, stream)
-            os.replace(partial, os.path.join(folder, "state.json"))
+            # In its place: on a full disk only the file that is there has room left.
+            with open(os.path.join(folder, "state.json"), "r+", encoding="utf-8") as stream:
+                json.dump({"state": "failed", "beat": time.time(), "error": words}, stream)
+                stream.truncate()
         except OSError:
             pass
     return {"output": {"job": job}}

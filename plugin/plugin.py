@@ -6,17 +6,9 @@ installed after it, and an import that fails here means that they never are.
 
 from app.plugins import MountPoint, PluginBase
 
-from .api import (
-    Again,
-    Export,
-    JobResult,
-    Jobs,
-    Measurements,
-    OneJob,
-    OneMeasurement,
-    Overview,
-    Series,
-)
+from .api import Overview, Series
+from .job_views import Drop, JobResult, Jobs, OneJob, StartAgain
+from .saved_views import Again, Export, Measurements, OneMeasurement
 
 __all__ = ["Plugin"]
 
@@ -43,6 +35,8 @@ class Plugin(PluginBase):
             MountPoint(_TASK + r"jobs/?$", Jobs.as_view()),
             MountPoint(_JOB + r"/?$", OneJob.as_view()),
             MountPoint(_JOB + r"/result/?$", JobResult.as_view()),
+            MountPoint(_JOB + r"/drop/?$", Drop.as_view()),
+            MountPoint(_JOB + r"/again/?$", StartAgain.as_view()),
             MountPoint(_TASK + r"measurements/?$", Measurements.as_view()),
             MountPoint(_SAVED + r"/?$", OneMeasurement.as_view()),
             MountPoint(_SAVED + r"/export/?$", Export.as_view()),

@@ -28,7 +28,7 @@ def names(plugin, task):
 
 def remember(plugin, task, saved, user):
     """Remember that a user saved a measurement; what is no longer there is forgotten."""
-    present = {key for key, _ in saved_paths(task)}
+    present = {key for key, *_ in saved_paths(task)}
     known = {key: who for key, who in _read(plugin, task).items() if key in present}
     known[saved] = user
     if len(known) <= _MOST:

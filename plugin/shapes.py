@@ -5,11 +5,14 @@ requirements need not be at hand. What passes is rebuilt from the shape alone, s
 unexpected goes on.
 """
 
+import itertools
 import json
 import math
+import re
 
 __all__ = [
     "Flag",
+    "Lines",
     "Listed",
     "Mapped",
     "Maybe",
@@ -20,9 +23,12 @@ __all__ = [
     "Text",
     "Whole",
     "read_json",
+    "read_json_at",
 ]
 
 _DEEPEST = 40
+_MOST_DIGITS = 1000
+_CONTAINERS = (dict, list)
 
 
 class MisshapenError(ValueError):
@@ -33,9 +39,20 @@ def read_json(data):
     """Parse JSON that may be anything: NaN, infinities and deep nesting are refused."""
     try:
         text = data.decode("utf-8")
-        value = json.loads(text, parse_constant=_no_constant)
+    except UnicodeError:
+        raise MisshapenError("it is not in UTF-8") from None
+    value, end = read_json_at(text, len(text) - len(text.lstrip(_BLANKS)))
+    if text[end:].strip(_BLANKS):
+        raise MisshapenError("it is not valid JSON (something follows its end)")
+    return value
+
+
+def read_json_at(text, start):
+    """Parse the JSON value that begins at a place of a text; return it and where it ends."""
+    try:
+        value, end = _DECODER.raw_decode(text, start)
         _require_shallow(value)
-        if "\\ud" in text.lower():
+        if _HALF_CHARACTER.search(text, start, end):
             # Half a character, escaped: no answer that repeats it could be sent.
             json.dumps(value, ensure_ascii=False).encode("utf-8")
     except UnicodeError:
@@ -46,25 +63,47 @@ def read_json(data):
         raise
     except ValueError as error:
         raise MisshapenError(f"it is not valid JSON ({str(error)[:80]})") from None
-    return value
+    return value, end
 
 
 def _no_constant(name):
     raise MisshapenError(f"{name} is no number that JSON has")
 
 
+def _whole(digits):
+    # The time that Python takes for a whole number grows with the square of its length.
+    if len(digits) > _MOST_DIGITS:
+        raise MisshapenError("it holds a number that is absurdly large")
+    return int(digits)
+
+
+_BLANKS = " \t\r\n"
+_HALF_CHARACTER = re.compile(r"\\u[dD]")
+_DECODER = json.JSONDecoder(parse_constant=_no_constant, parse_int=_whole)
+
+
 def _require_shallow(value):
-    level = [value]
+    level = [value] if isinstance(value, _CONTAINERS) else []
     for _ in range(_DEEPEST):
         level = [
             inner
             for item in level
-            if isinstance(item, (dict, list))
             for inner in (item.values() if isinstance(item, dict) else item)
+            if isinstance(inner, _CONTAINERS)
         ]
         if not level:
             return
     raise MisshapenError("it is nested too deeply")
+
+
+def _inside(place, problem):
+    """Return a problem of something inside as one of what it is in.
+
+    The words of a problem begin with a blank until their place is known: to name it beforehand
+    would take longer than the check itself.
+    """
+    words = str(problem)
+    return MisshapenError(place + words) if words[:1] in (" ", ".", "[") else problem
 
 
 def _name(value):
@@ -76,9 +115,13 @@ class Number:
 
     def __init__(self, least=None, most=None, above=None):
         self.least, self.most, self.above = least, most, above
+        self._low = max(-math.inf if end is None else end for end in (least, above))
+        self._high = math.inf if most is None else most
 
     def clean(self, value, where):
         """Return the value as it is."""
+        if type(value) is float and self._low < value < self._high:
+            return value  # nearly all of them
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             raise MisshapenError(f"{where} has to be a number, not {_name(value)}")
         # An integer of hundreds of digits is finite, and no float can hold it.
@@ -172,7 +215,36 @@ class Listed:
             raise MisshapenError(f"{where} has to be a list, not {_name(value)}")
         if not self.least <= len(value) <= self.most:
             raise MisshapenError(f"{where} has to have {self.least} to {self.most} entries")
-        return [self.inner.clean(item, f"{where}[{i}]") for i, item in enumerate(value)]
+        kept, clean = [], self.inner.clean
+        try:
+            for item in value:
+                kept.append(clean(item, ""))
+        except MisshapenError as problem:
+            raise _inside(f"{where}[{len(kept)}]", problem) from None
+        return kept
+
+
+class Lines:
+    """Lists of lines, each a list of [x, y] within the same limits: as many as a map shows."""
+
+    def __init__(self, most, longest, limit):
+        self.most, self.longest, self.limit = most, longest, limit
+
+    def clean(self, value, where):
+        """Return the value as it is."""
+        if not isinstance(value, list) or len(value) > self.most:
+            raise MisshapenError(f"{where} has to be a list of at most {self.most} lines")
+        if not all(isinstance(line, list) and 2 <= len(line) <= self.longest for line in value):
+            raise MisshapenError(f"{where} has a line of other than 2 to {self.longest} corners")
+        corners = list(itertools.chain.from_iterable(value))
+        if not ({*map(type, corners)} <= {list} and {*map(len, corners)} <= {2}):
+            raise MisshapenError(f"{where} has a corner that is not [x, y]")
+        numbers = list(itertools.chain.from_iterable(corners))
+        if not {*map(type, numbers)} <= {int, float}:
+            raise MisshapenError(f"{where} has a corner that is no number")
+        if numbers and not -self.limit <= min(numbers) <= max(numbers) <= self.limit:
+            raise MisshapenError(f"{where} has a corner beyond {self.limit:g}")
+        return value
 
 
 class Mapped:
@@ -187,7 +259,13 @@ class Mapped:
             raise MisshapenError(f"{where} has to be an object, not {_name(value)}")
         if len(value) > self.most or any(len(key) > self.longest for key in value):
             raise MisshapenError(f"{where} has too many keys, or too long ones")
-        return {key: self.inner.clean(item, f"{where}.{key[:40]}") for key, item in value.items()}
+        kept, key = {}, ""
+        try:
+            for key, item in value.items():
+                kept[key] = self.inner.clean(item, "")
+        except MisshapenError as problem:
+            raise _inside(f"{where}.{key[:40]}", problem) from None
+        return kept
 
 
 class Record:
@@ -199,20 +277,24 @@ class Record:
     def __init__(self, fields, required=None, strict=False):
         self.fields, self.strict = fields, strict
         self.required = tuple(fields) if required is None else tuple(required)
+        self._needed = frozenset(self.required)
 
     def clean(self, value, where):
         """Return a new object with the known keys only."""
         if not isinstance(value, dict):
             raise MisshapenError(f"{where} has to be an object, not {_name(value)}")
-        missing = [key for key in self.required if key not in value]
-        if missing:
-            raise MisshapenError(f"{where} lacks {missing[0]!r}")
-        unknown = [key for key in value if key not in self.fields]
-        if unknown and self.strict:
+        if not self._needed <= value.keys():
+            missing = next(key for key in self.required if key not in value)
+            raise MisshapenError(f"{where} lacks {missing!r}")
+        if self.strict and not value.keys() <= self.fields.keys():
+            unknown = next(key for key in value if key not in self.fields)
             known = ", ".join(self.fields)
-            raise MisshapenError(f"{where} has an unknown key {unknown[0][:40]!r}; known: {known}")
-        return {
-            key: shape.clean(value[key], f"{where}.{key}")
-            for key, shape in self.fields.items()
-            if key in value
-        }
+            raise MisshapenError(f"{where} has an unknown key {unknown[:40]!r}; known: {known}")
+        kept, key = {}, ""
+        try:
+            for key, shape in self.fields.items():
+                if key in value:
+                    kept[key] = shape.clean(value[key], "")
+        except MisshapenError as problem:
+            raise _inside(f"{where}.{key}", problem) from None
+        return kept

@@ -3,13 +3,14 @@
 import logging
 import os
 
-from app.plugins.worker import run_function_async
-
-from .base import COMPLETED, plugin_here, refused
+from .base import COMPLETED, jobs_root, refused
+from .broker import BrokerError, enqueue
 from .checks import LIMITS, checked_area, polygon_area
+from .folders import new_job
 from .job import run_job
+from .listing import message_of, settle, slots_taken
 from .shapes import MisshapenError
-from .store import new_job, one_at_a_time, sweep, user_jobs
+from .store import one_at_a_time
 
 __all__ = ["area_of", "crop_of", "reason_not", "sources_of", "start"]
 
@@ -45,6 +46,8 @@ def crop_of(task):
     crop = task.crop
     if crop is None or crop.geom_type not in ("Polygon", "MultiPolygon"):
         return None
+    if crop.num_coords > LIMITS["vertices"]:
+        return None  # too many to be measured, and to be sent to everyone who looks
     parts = crop.coords if crop.geom_type == "MultiPolygon" else (crop.coords,)
     rings = [[[[x, y] for x, y, *_ in ring] for ring in part] for part in parts]
     if len(rings) == 1:
@@ -59,7 +62,10 @@ def area_of(task, wanted):
     if wanted == "crop":
         crop = crop_of(task)
         if crop is None:
-            raise MisshapenError("the task has no crop; draw an area, or measure the whole cloud")
+            raise MisshapenError(
+                f"the task has no crop, or one of more than {LIMITS['vertices']} vertices; draw an "
+                "area, or measure the whole cloud"
+            )
         if crop["type"] == "Polygon":
             return polygon_area(crop["coordinates"], "crop")
         return checked_area({"type": "Feature", "properties": {"name": "crop"}, "geometry": crop})
@@ -74,46 +80,51 @@ def start(request, task, *, area, options, control, name):
     if reason is not None:
         raise refused(409, reason)
     _require_agreement(area, options, control)
-    root = plugin_here().get_persistent_path("jobs")
+    root = jobs_root()
+    assets = os.path.abspath(task.assets_path())
+    about = {
+        "task": str(task.id),
+        "user": request.user.pk,
+        "user_name": request.user.get_username(),
+        "name": name,
+        "assets": assets,
+    }
     asked = {
         "task": str(task.id),
         "project": task.project.pk,
-        "user": request.user.pk,
-        "user_name": request.user.get_username(),
         "task_name": (task.name or "task")[:_LONGEST_NAME],
         "name": name,
-        "assets": os.path.abspath(task.assets_path()),
+        "assets": assets,
         "sources": sources_of(task),
         "area": area,
         "options": options,
         "control": control,
     }
-    folder = _admitted(root, asked)
+    folder = _admitted(root, about, asked)
     try:
-        queued = run_function_async(run_job, __package__, os.path.abspath(root), folder.job)
-    except Exception:
-        # Whatever the queue fails with: a job that is in none would wait, and count, for ever.
+        where = (__package__, os.path.abspath(root), folder.job)
+        enqueue(run_job, *where, message=message_of(folder.job))
+    except BrokerError:
+        # A job that is in no queue would wait, and count, for ever.
         folder.remove()
         logging.getLogger("app.logger").exception("volcalc: nothing can be queued")
         raise refused(
-            503, "WebODM's queue does not answer; try again in a minute, or restart WebODM"
+            503, "WebODM's queue does not answer; try again in a minute, or restart WebODM", wait=30
         ) from None
-    # In a file of its own: the worker may be writing to job.json already.
-    (folder.path / "celery").write_text(str(queued.task_id), encoding="utf-8")
     return folder
 
 
-def _admitted(root, asked):
+def _admitted(root, about, asked):
     """Return the folder of a new job, unless its user has enough of them already."""
-    sweep(root)
+    settle(root, about["user"])
     with one_at_a_time(root):
-        if len(user_jobs(root, asked["user"])) >= LIMITS["jobs"]:
+        if slots_taken(root, about["user"]) >= LIMITS["jobs"]:
             raise refused(
                 429,
                 f"{LIMITS['jobs']} measurements of yours wait or run; wait for one of them, or "
                 "cancel it",
             )
-        return new_job(root, asked)
+        return new_job(root, about, asked)
 
 
 def _require_agreement(area, options, control):

@@ -1,55 +1,69 @@
-"""Files: the folder of a job, and the saved measurements of a task.
+"""Files: how they are read and written, and where the saved measurements of a task are.
 
 Everything is written beside its place and renamed: a duplicated task's assets are hard links, and
 a file that is half written is never seen. Names that come from outside are checked, not cleaned.
 """
 
 import contextlib
+import errno
 import fcntl
+import itertools
 import json
 import os
 import re
-import shutil
+import stat
 import time
 import uuid
 from pathlib import Path
 
 __all__ = [
-    "HEARTBEAT_S",
-    "LOST_S",
     "MOST_BYTES",
+    "MOST_FILES",
     "MOST_SAVED",
-    "JobFolder",
+    "MOST_SAVED_BYTES",
+    "BusyError",
     "UnreadableError",
+    "disk_words",
     "is_id",
-    "new_job",
     "one_at_a_time",
+    "one_of",
     "read_capped",
+    "read_head",
     "saved_folder",
     "saved_path",
     "saved_paths",
-    "sweep",
-    "user_jobs",
+    "why_full",
     "write_json",
 ]
 
-#: A running job says at least so often that it is alive, and without it for so long is lost.
-HEARTBEAT_S = 5.0
-LOST_S = 60.0
-
 MOST_SAVED = 200
 MOST_BYTES = 8_000_000
-_KEEP_S = 24 * 3600.0
+MOST_SAVED_BYTES = 500_000_000
+#: Of a folder that an imported all.zip may have filled, so many files are looked at.
+MOST_FILES = 2000
 _ID = re.compile(r"[0-9a-f]{32}")
+_LOCK_S, _LOOK_S = 5.0, 0.05
 
 
 class UnreadableError(Exception):
     """A file is not there, or no file that may be read."""
 
 
+class BusyError(Exception):
+    """Others do the same at the moment, and take longer than a request may wait."""
+
+
 def is_id(text):
     """Whether a text is an id of ours; nothing else may become part of a path."""
     return isinstance(text, str) and _ID.fullmatch(text) is not None
+
+
+def disk_words(error):
+    """Return what a failure to read or write means, without the paths that it names."""
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return "the server's disk is full; free some space, then try again"
+    what = error.strerror or type(error).__name__
+    return f"the server cannot read or write its files ({what}); ask WebODM's administrator"
 
 
 def write_json(path, document):
@@ -60,147 +74,89 @@ def write_json(path, document):
         partial.write_text(json.dumps(document, allow_nan=False), encoding="utf-8")
         partial.replace(path)
     finally:
-        if partial.exists():
+        with contextlib.suppress(OSError):
             partial.unlink()
 
 
-def read_capped(path, most=MOST_BYTES):
-    """Read a regular file of bounded size; a link could lead anywhere."""
+def read_head(path, most):
+    """Return the first bytes of a regular file and its size.
+
+    A link could lead anywhere, and a pipe would keep its reader waiting.
+    """
     flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
     try:
         with os.fdopen(os.open(str(path), flags), "rb") as stream:
-            data = stream.read(most + 1)
+            about = os.fstat(stream.fileno())
+            if not stat.S_ISREG(about.st_mode):
+                raise UnreadableError("it is no file")
+            return stream.read(most), about.st_size
     except OSError as error:
         raise UnreadableError(error.strerror or "it cannot be read") from error
+
+
+def read_capped(path, most=MOST_BYTES):
+    """Read a regular file of bounded size."""
+    data, _ = read_head(path, most + 1)
     if len(data) > most:
         raise UnreadableError(f"it is larger than {most} bytes")
     return data
 
 
-class JobFolder:
-    """One job: what was asked (job.json), how it goes (state.json), a marker, a result."""
-
-    def __init__(self, root, job):
-        self.job = job
-        self.path = Path(root) / job
-
-    def about(self):
-        """Return what was asked; None where there is no such job."""
-        return self._read("job.json")
-
-    def result(self):
-        """Return the result; None where there is none."""
-        return self._read("result.json")
-
-    def note(self, **changes):
-        """Change what is known of the job."""
-        write_json(self.path / "job.json", {**(self.about() or {}), **changes})
-
-    def say(self, **state):
-        """Say how it goes."""
-        write_json(self.path / "state.json", state)
-
-    @property
-    def cancelled(self):
-        """Whether somebody asked for its end."""
-        return (self.path / "cancel").exists()
-
-    def cancel(self):
-        """Ask for its end."""
-        (self.path / "cancel").touch()
-
-    def remove(self):
-        """Forget it, with all that it left."""
-        shutil.rmtree(self.path, ignore_errors=True)
-
-    def state(self, now=None):
-        """Return the state as the API tells it."""
-        now = time.time() if now is None else now
-        told = self._read("state.json") or {"state": "queued"}
-        state, beat = told.get("state"), told.get("beat")
-        age = None if beat is None else max(now - beat, 0.0)
-        if self.cancelled and state not in ("done", "failed"):
-            state = "cancelled"
-        elif state == "running" and (age is None or age > LOST_S):
-            state = "lost"
-        started = told.get("started")
-        error = told.get("error")
-        if state == "lost":
-            error = "the worker was stopped in the middle of this measurement; start it again"
-        return {
-            "job": self.job,
-            "state": state,
-            "stage": told.get("stage") if state == "running" else None,
-            "percent": 100.0 if state == "done" else told.get("percent"),
-            "seconds": age if state in ("running", "lost") else None,
-            "elapsed": None if started is None else (beat or now) - started,
-            "error": error,
-        }
-
-    def _read(self, name):
-        try:
-            return json.loads(read_capped(self.path / name).decode("utf-8"))
-        except (UnreadableError, ValueError):
-            return None
+def one_at_a_time(root):
+    """Have whoever does the same wait: WebODM serves requests from several processes."""
+    return one_of(root, 1, ".lock")
 
 
 @contextlib.contextmanager
-def one_at_a_time(root):
-    """Have whoever does the same wait: WebODM serves requests from several processes."""
+def one_of(root, places, name):
+    """Do something that at most `places` requests may do at once, in all of WebODM's processes.
+
+    Raises
+    ------
+    BusyError
+        No place was free for some seconds: a request that waits keeps one of WebODM's few workers.
+    """
     Path(root).mkdir(parents=True, exist_ok=True)
-    with (Path(root) / ".lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    ends = time.monotonic() + _LOCK_S
+    with contextlib.ExitStack() as stack:
+        locks = [
+            stack.enter_context((Path(root) / f"{name}{place or ''}").open("w"))
+            for place in range(places)
+        ]
+        while not any(_locked(lock) for lock in locks):
+            if time.monotonic() > ends:
+                raise BusyError
+            time.sleep(_LOOK_S)
         yield
 
 
-def new_job(root, about):
-    """Make the folder of a new job."""
-    root = Path(root)
-    root.mkdir(parents=True, exist_ok=True)
-    folder = JobFolder(root, uuid.uuid4().hex)
-    folder.path.mkdir()
-    write_json(folder.path / "job.json", {**about, "created": time.time()})
-    folder.say(state="queued")
-    return folder
-
-
-def user_jobs(root, user):
-    """Return the folders of a user's jobs that wait or run."""
-    return [
-        folder
-        for folder in _folders(root)
-        if (folder.about() or {}).get("user") == user
-        and folder.state()["state"] in ("queued", "running")
-    ]
-
-
-def sweep(root):
-    """Remove the jobs of yesterday.
-
-    One that waits may do so for a week: a broker that lost it would else keep its user from
-    starting others for ever.
-    """
-    for folder in _folders(root):
-        try:
-            age = time.time() - folder.path.stat().st_mtime
-        except OSError:
-            continue
-        waits = folder.state()["state"] in ("queued", "running")
-        if age > (7 * _KEEP_S if waits else _KEEP_S):
-            folder.remove()
-
-
-def _folders(root):
+def _locked(file):
     try:
-        names = [name for name in os.listdir(str(root)) if is_id(name)]
-    except OSError:
-        return []
-    return [JobFolder(root, name) for name in names]
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        if error.errno not in (errno.EAGAIN, errno.EACCES):
+            raise
+        return False
+    return True
 
 
 def saved_folder(task):
-    """Return where the measurements of a task are."""
-    return Path(task.assets_path("volcalc"))
+    """Return where the measurements of a task are.
+
+    Raises
+    ------
+    UnreadableError
+        Something else is in its place: an imported all.zip can have put it there.
+    """
+    folder = Path(task.assets_path("volcalc"))
+    try:
+        if not stat.S_ISDIR(folder.lstat().st_mode):
+            raise UnreadableError("something else is in the place of the folder volcalc")
+    except FileNotFoundError:
+        pass
+    except OSError as error:
+        raise UnreadableError(error.strerror or "it cannot be read") from error
+    return folder
 
 
 def saved_path(task, saved):
@@ -209,16 +165,31 @@ def saved_path(task, saved):
 
 
 def saved_paths(task):
-    """Return the ids and files of a task's measurements, the oldest first."""
+    """Return the ids, files and sizes (bytes) of a task's measurements, the oldest first."""
     try:
-        with os.scandir(str(saved_folder(task))) as entries:
+        folder = saved_folder(task)
+        with os.scandir(str(folder)) as entries:
             found = [
-                (entry.stat(follow_symlinks=False).st_mtime, entry.name[:-5])
-                for entry in entries
-                if entry.name.endswith(".json")
-                and is_id(entry.name[:-5])
-                and entry.is_file(follow_symlinks=False)
+                (about.st_mtime, entry.name[:-5], about.st_size)
+                for entry in itertools.islice(entries, MOST_FILES)
+                if entry.name.endswith(".json") and is_id(entry.name[:-5])
+                for about in [entry.stat(follow_symlinks=False)]
+                if stat.S_ISREG(about.st_mode)
             ]
-    except OSError:
+    except (OSError, UnreadableError):
         return []
-    return [(saved, saved_path(task, saved)) for _, saved in sorted(found)[:MOST_SAVED]]
+    rows = sorted(found)[:MOST_SAVED]
+    return [(saved, folder / f"{saved}.json", size) for _, saved, size in rows]
+
+
+def why_full(task, saved):
+    """Return why a measurement cannot be saved with those that there are; None when it can."""
+    others = [size for other, _, size in saved_paths(task) if other != saved]
+    with os.scandir(str(saved_folder(task))) as entries:
+        if sum(1 for _ in itertools.islice(entries, MOST_FILES)) >= MOST_FILES:
+            return f"the task's folder volcalc has {MOST_FILES} files or more; remove some"
+    if len(others) >= MOST_SAVED:
+        return f"the task has {MOST_SAVED} measurements; delete one first"
+    if sum(others) > MOST_SAVED_BYTES:
+        return f"the task's measurements take {MOST_SAVED_BYTES} bytes; delete one first"
+    return None

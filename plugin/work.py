@@ -3,8 +3,10 @@
 This module and what it imports need the plugin's requirements; only the worker loads it.
 """
 
+import contextlib
 import importlib
 import json
+import logging
 import re
 import threading
 import time
@@ -13,11 +15,13 @@ from pathlib import Path
 
 from .checks import area_key
 from .documents import SCHEMA
+from .folders import HEARTBEAT_S, JobFolder
 from .quantify_client.errors import CloudError, QuantifyError
 from .quantify_client.pipeline import measure
 from .quantify_client.report.jsonout import to_json
 from .quantify_client.report.layers import map_layers
-from .store import HEARTBEAT_S, MOST_BYTES, JobFolder, write_json
+from .stopping import stop_process
+from .store import MOST_BYTES, disk_words, write_json
 
 __all__ = ["run", "sized"]
 
@@ -29,6 +33,8 @@ _STAGES = {
     "slicing": (70.0, 92.0),
     "drawing": (92.0, 99.0),
 }
+
+_LOOK_S, _PATIENCE_S = 1.0, 5.0
 
 
 class CancelledError(BaseException):
@@ -88,11 +94,17 @@ class _Progress:
             )
 
     def _beat(self):
-        while not self._ended.wait(HEARTBEAT_S):
-            try:
-                self._say()
-            except OSError:
-                return  # the folder is gone: nobody waits for this job
+        said, asked = time.monotonic(), None
+        while not self._ended.wait(_LOOK_S):
+            now = time.monotonic()
+            if self._folder.cancelled:
+                asked = now if asked is None else asked
+                if now - asked > _PATIENCE_S:
+                    stop_process()
+            elif now - said >= HEARTBEAT_S:
+                said = now
+                with contextlib.suppress(OSError):
+                    self._say()
 
 
 def run(root, job):
@@ -100,7 +112,7 @@ def run(root, job):
     folder = JobFolder(root, job)
     if folder.cancelled:
         return
-    asked = folder.about()
+    asked = folder.asked()
     with _Progress(folder) as progress:
         try:
             document = sized(_document(folder, asked, progress))
@@ -110,6 +122,11 @@ def run(root, job):
             progress.end("cancelled")
         except QuantifyError as error:
             progress.end("failed", error=_harmless(str(error), asked, folder)[:1000])
+        except OSError as error:
+            if folder.cancelled:
+                return
+            logging.getLogger("app.logger").exception("volcalc: job %s failed", job)
+            progress.end("failed", error=disk_words(error))
         except MemoryError:
             progress.end(
                 "failed", error="the worker has too little memory for this; draw a smaller area"
@@ -176,7 +193,7 @@ def _measured(folder, asked, progress):
         except CloudError as error:
             if place + 1 == len(sources):
                 raise
-            folder.note(tiles_problem=str(error)[:300])
+            logging.getLogger("app.logger").warning("volcalc: the tiles are damaged: %s", error)
     raise CloudError("the task has no point cloud; process it again with one")
 
 

@@ -186,12 +186,18 @@ def add_plugin(parser: argparse.ArgumentParser) -> None:
         type=Path,
         default=Path("dist"),
         metavar="DIR",
-        help="where volcalc.zip goes (default dist)",
+        help="where the zips go (default dist); a name ending in .zip is the file of one",
     )
-    add(
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument(
         "--offline",
         action="store_true",
-        help="with the requirements inside, for a server without internet",
+        help="only volcalc-offline.zip, with the requirements inside: for WebODM's own images",
+    )
+    which.add_argument(
+        "--online",
+        action="store_true",
+        help="only volcalc.zip, for which WebODM fetches the requirements: for other servers",
     )
 
 

@@ -100,7 +100,7 @@ def _parser() -> argparse.ArgumentParser:
     resume = commands.add_parser("resume", help="go on with a submit", description=RESUME)
     add_resume(resume)
     resume.set_defaults(run=_resume)
-    plugin = commands.add_parser("plugin", help="build the zip of the WebODM plugin")
+    plugin = commands.add_parser("plugin", help="build the zips of the WebODM plugin")
     add_plugin(plugin)
     plugin.set_defaults(run=_plugin)
     demo = commands.add_parser("demo", help="measure the bundled example")

@@ -1,8 +1,9 @@
-"""The WebODM plugin as a zip: volcalc.zip, or volcalc-offline.zip with its requirements inside."""
+"""The WebODM plugin as a zip: volcalc-offline.zip with its requirements inside, or volcalc.zip."""
 
 from __future__ import annotations
 
 import hashlib
+import json
 import re
 import subprocess
 import sys
@@ -36,6 +37,9 @@ _PANEL_SOURCES = re.compile(
 )
 _PANEL = ("public/main.js", "public/build/main.js")
 _TIME = (1980, 1, 1, 0, 0, 0)
+
+# Of the digest that names a build: eight digits, as a short commit has.
+_BUILD_DIGITS = 8
 
 Entries = Dict[str, bytes]
 
@@ -84,7 +88,23 @@ def _entries() -> Entries:
     library = _files(_PACKAGE)
     library[VERSION_FILE] = f"{package_version()}\n".encode()
     entries.update({f"quantify_client/{name}": data for name, data in library.items()})
+    entries["manifest.json"] = _with_build(entries)
     return entries
+
+
+def _with_build(entries: Entries) -> bytes:
+    """Return the manifest with the build in its version: 0.1.0+1a2b3c4d.
+
+    The build is a digest of the plugin's files, so that it is the same wherever the same files are
+    packed, also by an installed package that knows no commit.
+    """
+    digest = hashlib.sha256()
+    for name in sorted(entries):
+        data = entries[name]
+        digest.update(f"{name}\0{len(data)}\0".encode() + data)
+    manifest = json.loads(entries["manifest.json"])
+    manifest["version"] += f"+{digest.hexdigest()[:_BUILD_DIGITS]}"
+    return (json.dumps(manifest, indent=2) + "\n").encode()
 
 
 def _sources() -> Tuple[Path, Path]:
@@ -127,7 +147,7 @@ def _site_packages(requirements: bytes) -> Entries:
             last = (done.stderr.strip().splitlines() or ["pip said nothing"])[-1]
             raise OutputError(
                 f"pip could not fetch the plugin's requirements ({last[:200]}); is there a network "
-                "connection? Without --offline none is needed"
+                "connection? --online makes the zip that has WebODM fetch them"
             )
         packages = _files(Path(folder), _COMPILED)
     # Commands are of no use there, and name the interpreter of this machine.

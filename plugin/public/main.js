@@ -1,5 +1,5 @@
 /* Where WebODM shows "Volume (VolCalc)": the dashboard, the map and the 3-D view. This script is on
-   every page, so it stays small; the panel itself is loaded where there is a map. */
+   every page, so it stays small; the panel itself is loaded where it is shown. */
 (function () {
   "use strict";
 
@@ -12,17 +12,15 @@
     return typeof window.gettext === "function" ? window.gettext(text) : text;
   }
 
-  function has(assets, pattern) {
-    return assets.some(function (asset) {
+  function has(task, pattern) {
+    return (task.available_assets || []).some(function (asset) {
       return pattern.test(asset);
     });
   }
 
   function whyNot(task) {
-    var assets = task.available_assets || [];
-    if (task.status !== COMPLETED) return words("The task is not completed yet.");
-    if (!has(assets, POINT_CLOUD)) return words("The task has no point cloud. Process it again with one.");
-    if (!has(assets, MAP_LAYER)) return words("The task has no map to draw on (no orthophoto or elevation model).");
+    if ("status" in task && task.status !== COMPLETED) return words("The task is not completed yet.");
+    if (!has(task, POINT_CLOUD)) return words("The task has no point cloud. Process it again with one.");
     return null;
   }
 
@@ -37,7 +35,7 @@
     );
   }
 
-  function button(className, url, reason) {
+  function button(className, reason, onClick, ref) {
     var title = words("Volume (VolCalc)");
     return React.createElement(
       "span",
@@ -50,9 +48,8 @@
           disabled: Boolean(reason),
           "aria-label": reason ? title + ": " + reason : title,
           title: reason || title,
-          onClick: function () {
-            window.location.href = url;
-          },
+          onClick: onClick,
+          ref: ref,
         },
         icon(),
         " ",
@@ -61,19 +58,74 @@
     );
   }
 
+  function goTo(url) {
+    return function () {
+      window.location.href = url;
+    };
+  }
+
+  // WebODM's map page fails on a task that has no layer; its 3-D page needs none.
   PluginsAPI.Dashboard.addTaskActionButton(function (args) {
     var task = args.task;
-    return button("btn-primary", "/map/project/" + task.project + "/task/" + task.id + "/" + HASH, whyNot(task));
+    var page = has(task, MAP_LAYER) ? "/map" : "/3d";
+    return button("btn-primary", whyNot(task), goTo(page + "/project/" + task.project + "/task/" + task.id + "/" + HASH));
   });
 
-  PluginsAPI.ModelView.addActionButton(function () {
+  function load() {
+    var system = window.SystemJS || PluginsAPI.SystemJS;
+    return Promise.all([system.import("volcalc/build/main.js"), system.import("volcalc/build/main.css")])
+      .then(function (loaded) {
+        return loaded[0];
+      });
+  }
+
+  function notLoaded(error) {
+    // WebODM itself would say nothing.
+    console.error("Volume (VolCalc): the panel cannot be loaded. Reload the page; after an upgrade of " +
+      "the plugin, restart WebODM.", error);
+  }
+
+  // The 3-D page tells plugins the viewer alone; its task is written on the page.
+  function taskOfModel() {
+    var place = document.querySelector("[data-modelview]");
+    try {
+      return JSON.parse(place.getAttribute("data-task"));
+    } catch (e) {
+      return null;
+    }
+  }
+
+  function mapOfModel() {
     var path = window.location.pathname;
     var own = path.match(/\/3d\/project\/([^/]+)\/task\/([^/]+)\//);
     var open = path.match(/\/public\/task\/([^/]+)\/(iframe\/)?3d\//);
-    if (own) return button("btn-secondary", "/map/project/" + own[1] + "/task/" + own[2] + "/" + HASH, null);
-    if (open) return button("btn-secondary", "/public/task/" + open[1] + "/" + (open[2] || "") + "map/" + HASH, null);
+    if (own) return "/map/project/" + own[1] + "/task/" + own[2] + "/" + HASH;
+    if (open) return "/public/task/" + open[1] + "/" + (open[2] || "") + "map/" + HASH;
     return null;
+  }
+
+  PluginsAPI.ModelView.addActionButton(function () {
+    var task = taskOfModel();
+    var map = mapOfModel();
+    if (task && !has(task, MAP_LAYER)) return buttonBesideModel(task);
+    return map ? button("btn-secondary", task && whyNot(task), goTo(map)) : null;
   });
+
+  function buttonBesideModel(task) {
+    var element = null;
+    var wanted = window.location.hash === HASH;
+    function toggle() {
+      load().then(function (loaded) {
+        var parent = document.querySelector(".model-view");
+        loaded.besideModel({ parent: parent, task: task, button: element }).toggle();
+      }).catch(notLoaded);
+    }
+    return button("btn-secondary", whyNot(task), toggle, function (made) {
+      element = made;
+      if (made && wanted && !made.disabled) toggle();
+      wanted = false;
+    });
+  }
 
   function tasksOf(tiles) {
     var ids = {};
@@ -89,16 +141,9 @@
   PluginsAPI.Map.willAddControls(function (args) {
     var tasks = tasksOf(args.tiles);
     if (!tasks.length) return;
-    var load = window.SystemJS || PluginsAPI.SystemJS;
-    Promise.all([load.import("volcalc/build/main.js"), load.import("volcalc/build/main.css")])
-      .then(function (loaded) {
-        var add = loaded[0].default || loaded[0];
-        add({ map: args.map, tasks: tasks, open: window.location.hash === HASH });
-      })
-      .catch(function (error) {
-        // WebODM itself would say nothing.
-        console.error("Volume (VolCalc): the panel cannot be loaded. Reload the page; after an upgrade of " +
-          "the plugin, restart WebODM.", error);
-      });
+    load().then(function (loaded) {
+      var add = loaded.default || loaded;
+      add({ map: args.map, tasks: tasks, open: window.location.hash === HASH });
+    }).catch(notLoaded);
   });
 })();

@@ -94,7 +94,7 @@ def installed(admin, task, tmp_path_factory):
     """The plugin, as its own page installs it."""
     from quantify_client.plugin_build import build_plugin
 
-    archive = build_plugin(tmp_path_factory.mktemp("zip"))
+    archive = build_plugin(tmp_path_factory.mktemp("zip"), offline=True)
     page = admin.page
     page.goto(f"{URL}/admin/app/plugin/")
     if page.locator("text=/volcalc/").count():
@@ -182,6 +182,36 @@ def test_units_and_tools_follow_webodm(admin, measured):
     assert "yd³" in page.inner_text(".vc-hero-number")
     page.select_option(".leaflet-control-units-selection select", "metric")
     assert "m³" in page.inner_text(".vc-hero-number")
+
+
+def test_the_panel_names_the_build_that_the_admin_page_shows(admin, installed):
+    page = admin.context.new_page()
+    page.goto(f"{URL}/admin/app/plugin/")
+    assert "+" in installed["version"]
+    assert installed["version"] in page.inner_text("body")
+    page.close()
+
+
+def test_a_closed_page_loses_nothing(admin, task, measured):
+    def panel():
+        page = admin.context.new_page()
+        page.goto(f"{URL}/map/project/{task['project']}/task/{task['id']}/#volcalc")
+        page.wait_for_selector(".vc-progress, .vc-run, .vc-hero")
+        return page
+
+    page = panel()
+    page.click(".vc-choice label:has-text('All')")
+    page.click(".vc-run")
+    page.wait_for_selector(".vc-progress button:enabled")
+    page.close()
+    page = panel()
+    page.wait_for_selector(".vc-job-done, .vc-hero")
+    if page.locator(".vc-hero").count():  # it ended while the panel was looking
+        page.click("text=New measurement")
+    page.click(".vc-job-done [aria-label^='Drop']")
+    page.click(".vc-ask >> text=Drop >> nth=-1")
+    page.wait_for_selector(".vc-job-done", state="detached")
+    page.close()
 
 
 def test_the_file_stays_with_the_task(admin, task, measured):

@@ -30,7 +30,9 @@ def test_overview_says_what_can_be_done(host, beach_task):
     assert found["extent"][0] < -91
     assert found["extent"][1] > 46
     assert found["lost"] is False
-    assert set(found["limits"]) == {"area_bytes", "vertices", "control_bytes", "jobs"}
+    assert set(found["limits"]) == {
+        *("area_bytes", "vertices", "control_bytes", "jobs", "queued_lost_after_s", "kept_days")
+    }
     assert found["version"] == "0.1.0"
 
 

@@ -33,6 +33,12 @@ def documents():
         del sys.modules[name]
 
 
+@pytest.fixture(scope="module")
+def entries(documents):
+    """The plugin's module of what lists tell."""
+    return importlib.import_module("volcalc_alone.entries")
+
+
 CONTROL = """
 unit: m
 points: {A: {lat: 46.84237, lon: -91.99386, accuracy: 3.0, elevation: 160.8,
@@ -80,7 +86,7 @@ def test_what_was_made_passes_the_check(documents, document):
     assert found["layers"] == document["layers"]
 
 
-def test_what_passes_the_check_can_be_shown(documents, document):
+def test_what_passes_the_check_can_be_shown(documents, entries, document):
     chance = random.Random(5)
     everywhere = list(places(document))
     shown = 0
@@ -96,26 +102,66 @@ def test_what_passes_the_check_can_be_shown(documents, document):
         except documents.MisshapenError:
             continue
         shown += 1
-        json.dumps(documents.summary_of(checked), allow_nan=False)
+        json.dumps(entries.entry_from(checked), allow_nan=False)
         for kind in ("csv", "geojson", "html"):
             exported(checked, kind, chance.choice(["metric", "us"])).encode()
     assert shown > 20
 
 
-def test_a_list_reads_a_file_once_until_it_is_another(documents, document, tmp_path, monkeypatch):
+def test_entry_comes_from_the_head_of_a_file(documents, entries, document, tmp_path):
     path = tmp_path / f"{document['id']}.json"
+    checked = documents.checked_document(copy.deepcopy(document))
+    documents.write_document(path, checked)
+    budget = entries.Budget()
+    before = budget.left
+    entry = entries.entry_of(path, document["id"], budget)
+    assert entry == json.loads(json.dumps(entries.entry_from(checked)))
+    assert entry["summary"]["volume_m3"] == document["measurement"]["results"][0]["volume_m3"]
+    assert budget.left == before
+    with pytest.raises(documents.MisshapenError, match="another id"):
+        entries.entry_of(path, "1" * 32, budget)
+
+
+def test_file_of_an_older_version_is_read_once_until_it_is_another(
+    documents, entries, document, tmp_path
+):
+    path, budget = tmp_path / f"{document['id']}.json", entries.Budget()
     path.write_text(json.dumps(document))
-    first = documents.entry_of(path, document["id"])
+    before = budget.left
+    first = entries.entry_of(path, document["id"], budget)
     assert first["summary"]["volume_m3"] == document["measurement"]["results"][0]["volume_m3"]
     first["summary"].clear()
-    with monkeypatch.context() as patch:
-        patch.setattr(documents, "read_capped", None)
-        assert documents.entry_of(path, document["id"])["summary"]
+    assert budget.left == before - path.stat().st_size
+    assert entries.entry_of(path, document["id"], budget)["summary"]
+    assert budget.left == before - path.stat().st_size
     path.write_text(json.dumps({**document, "name": "another"}))
-    assert documents.entry_of(path, document["id"])["name"] == "another"
+    assert entries.entry_of(path, document["id"], budget)["name"] == "another"
     path.write_text("{}")
     with pytest.raises(documents.MisshapenError):
-        documents.entry_of(path, document["id"])
+        entries.entry_of(path, document["id"], budget)
     path.unlink()
-    with pytest.raises(documents.UnreadableError):
-        documents.entry_of(path, document["id"])
+    with pytest.raises(importlib.import_module("volcalc_alone.store").UnreadableError):
+        entries.entry_of(path, document["id"], budget)
+
+
+def test_list_ends_reading_at_its_budget_and_goes_on_with_the_next(entries, document, tmp_path):
+    paths = [tmp_path / f"{place:032x}.json" for place in range(170)]
+    for path in paths:
+        path.write_text(json.dumps({**document, "id": path.stem}))
+    size, told, requests = paths[0].stat().st_size, [], 0
+    while len(told) < len(paths):
+        requests, budget, told = requests + 1, entries.Budget(), []
+        assert requests < 20
+        for path in paths:
+            try:
+                told.append(entries.entry_of(path, path.stem, budget))
+            except entries.NotReadError:
+                continue
+    assert requests == -(-len(paths) // (entries._BUDGET // size)) > 1
+
+
+def test_number_of_a_million_digits_takes_no_time(documents):
+    """Python takes minutes to read one, or a limit that older ones lack."""
+    data = b'{"a": ' + b"1" * 1_000_000 + b"}"
+    with pytest.raises(documents.MisshapenError, match="absurdly large"):
+        documents.parsed(data)

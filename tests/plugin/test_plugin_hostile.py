@@ -3,8 +3,12 @@
 import base64
 import copy
 import csv
+import fcntl
 import io
 import json
+import os
+import time
+from pathlib import Path
 
 import pytest
 from visitors import API
@@ -188,6 +192,60 @@ def test_file_in_the_place_of_the_folder_is_told(host):
         place.unlink()
         if away:
             away.rename(place)
-    assert answer.status == 507
-    assert "cannot write" in answer.error
+    assert answer.status == 409
+    assert "in the place of the folder volcalc" in answer.error
     assert str(host.data) not in answer.error
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[]",
+        "{",
+        '{"reconstruction_statistics": 7}',
+        '{"reconstruction_statistics": {"reconstructed_points_count": "many"}}',
+        '{"reconstruction_statistics": {"reconstructed_points_count": 1e400}}',
+        '{"reconstruction_statistics": {"reconstructed_points_count": -1}}',
+    ],
+)
+def test_statistics_of_somebody_else_are_not_believed(host, text):
+    path = host.assets("Mine") / "odm_report" / "stats.json"
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(text)
+    try:
+        found = host.owner.get(f"{API}/{host.tasks['Mine']}/")
+    finally:
+        path.unlink()
+    assert found.status == 200
+    assert found.json["points"] is None
+
+
+def test_crop_of_too_many_corners_is_not_sent_and_not_measured(host):
+    task = host.tasks["Frilly"]
+    assert host.owner.get(f"{API}/{task}/").json["crop"] is None
+    found = host.owner.post(f"{API}/{task}/jobs", {"area": "crop"})
+    assert found.status == 400
+    assert "10000 vertices" in found.error
+
+
+def test_lock_that_is_held_keeps_nobody_waiting_for_long(host):
+    host.owner.get(f"{API}/{host.tasks['Mine']}/jobs")
+    with (host.jobs / ".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        began = time.monotonic()
+        found = host.owner.post(f"{API}/{host.tasks['Mine']}/jobs", {"area": "whole"})
+        assert time.monotonic() - began < 10.0
+    assert found.status == 503
+    assert "try again" in found.error
+    assert found.headers["Retry-After"]
+
+
+@pytest.mark.parametrize("name", [b"\xff\xfe.json", b"\xed\xa0\x80.json", b"a\nb.json"])
+def test_names_of_files_that_are_no_text_are_passed_over(host, beach_task, kept, name):
+    path = os.fsencode(host.assets("Beach") / "volcalc") + b"/" + name
+    os.close(os.open(path, os.O_CREAT | os.O_WRONLY))
+    try:
+        assert host.viewer.get(f"{API}/{beach_task}/measurements").status == 200
+        assert host.viewer.get(f"{API}/{beach_task}/series").status == 200
+    finally:
+        Path(os.fsdecode(path)).unlink()

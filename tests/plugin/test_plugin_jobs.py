@@ -3,7 +3,6 @@
 import ast
 import copy
 import importlib
-import importlib.util
 import json
 import sys
 import time
@@ -18,12 +17,24 @@ PLUGIN = Path(__file__).parents[2] / "plugin"
 
 
 @pytest.fixture(scope="module")
-def store():
-    """The plugin's module of files, which needs nothing of WebODM."""
-    spec = importlib.util.spec_from_file_location("volcalc_store", PLUGIN / "store.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def folders():
+    """The plugin's modules of files, which need nothing of WebODM."""
+    package = types.ModuleType("volcalc_folders")
+    package.__path__ = [str(PLUGIN)]
+    sys.modules["volcalc_folders"] = package
+    yield importlib.import_module("volcalc_folders.folders")
+    for name in [name for name in sys.modules if name.startswith("volcalc_folders")]:
+        del sys.modules[name]
+
+
+def new_job(folders, root, **about):
+    return folders.new_job(
+        root, {"task": "t", "user": 1, "name": "pile", "assets": str(root), **about}, {}
+    )
+
+
+def everything(tasks):
+    return tasks
 
 
 def test_module_of_the_function_holds_nothing_else():
@@ -41,47 +52,100 @@ def test_function_never_raises_and_returns_a_reference(tmp_path, monkeypatch):
     exec(compile((PLUGIN / "job.py").read_text(), "file", "exec"), namespace)  # noqa: S102
     monkeypatch.setitem(sys.modules, "app.plugins.functions", None)  # an import that fails
     (tmp_path / "j").mkdir()
+    (tmp_path / "j" / "state.json").write_text('{"state": "queued", "filler": "' + "x" * 999 + '"}')
     assert namespace["run_job"]("plugins.volcalc", str(tmp_path), "j") == {"output": {"job": "j"}}
     state = json.loads((tmp_path / "j" / "state.json").read_text())
     assert state["state"] == "failed"
     assert str(tmp_path) not in state["error"]
     assert namespace["run_job"]("plugins.volcalc", str(tmp_path), "absent")["output"]
+    assert not (tmp_path / "absent").exists()
+    (tmp_path / "j" / "state.json").write_text("as it was")
+    assert namespace["run_job"]("plugins.volcalc", str(tmp_path), "j")["output"]  # once more
+    assert (tmp_path / "j" / "state.json").read_text() == "as it was"
 
 
-def test_states_follow_heartbeat_and_marker(store, tmp_path):
-    folder = store.new_job(tmp_path, {"task": "t", "user": 1})
+def test_states_follow_heartbeat_and_markers(folders, tmp_path):
+    folder = new_job(folders, tmp_path)
     assert folder.state()["state"] == "queued"
     assert folder.state(now=time.time() + 10**7)["state"] == "queued"
     folder.say(state="running", beat=100.0, started=90.0, stage="reading points", percent=7.0)
     running = folder.state(now=150.0)
     assert (running["state"], running["seconds"], running["elapsed"]) == ("running", 50.0, 10.0)
     assert (running["stage"], running["percent"]) == ("reading points", 7.0)
-    lost = folder.state(now=100.1 + store.LOST_S)
+    assert folder.ended(now=150.0) is None
+    lost = folder.state(now=100.1 + folders.LOST_S)
     assert lost["state"] == "lost"
     assert "start it again" in lost["error"]
-    assert [f.job for f in store.user_jobs(tmp_path, 1)] == []  # its heartbeat is of 1970
     folder.cancel()
     assert folder.state(now=100.0)["state"] == "cancelled"
     folder.say(state="done", beat=160.0, started=90.0)
     assert folder.state()["state"] == "done"
+    assert folder.ended() == 160.0
 
 
-def test_jobs_of_yesterday_are_removed(store, tmp_path, monkeypatch):
-    done, waits = (store.new_job(tmp_path, {"user": 1}) for _ in range(2))
-    done.say(state="done", beat=1.0, started=0.0)
-    (tmp_path / "something else").mkdir()
+def test_whoever_takes_a_waiting_job_first_decides(folders, tmp_path):
+    begun, forgotten = new_job(folders, tmp_path), new_job(folders, tmp_path)
+    assert begun.take("")
+    assert not begun.take("lost")
+    assert begun.state()["state"] == "running"  # its worker loads what it measures with
+    assert begun.state(now=time.time() + 2 * folders.LOST_S)["state"] == "lost"
+    assert forgotten.take("lost")
+    told = forgotten.state()
+    assert told["state"] == "lost"
+    assert "queue no longer has" in told["error"]
+
+
+def test_jobs_are_kept_for_a_week_after_their_end(folders, tmp_path, monkeypatch):
+    ended, waits = new_job(folders, tmp_path), new_job(folders, tmp_path)
     now = time.time()
-    monkeypatch.setattr(store.time, "time", lambda: now + 25 * 3600)
-    store.sweep(tmp_path)
-    assert not done.path.exists()
-    assert waits.path.exists()
-    monkeypatch.setattr(store.time, "time", lambda: now + 8 * 24 * 3600)
-    store.sweep(tmp_path)
-    assert not waits.path.exists()
+    ended.say(state="done", beat=now, started=now)
+    (tmp_path / "something else").mkdir()
+    for days, kept in ((6.9, True), (7.1, False)):
+        monkeypatch.setattr(folders.time, "time", lambda days=days: now + days * 24 * 3600)
+        folders.sweep(tmp_path, everything, always=True)
+        assert ended.path.exists() is kept
+        assert waits.path.exists()
     assert (tmp_path / "something else").exists()
 
 
-def test_link_among_the_saved_is_not_followed(store, tmp_path):
+def test_of_too_many_jobs_the_saved_and_the_oldest_go(folders, tmp_path, monkeypatch):
+    now = time.time()
+    jobs = [new_job(folders, tmp_path) for _ in range(6)]
+    for age, folder in enumerate(jobs[:5]):
+        folder.say(state="done", beat=now - age, started=now - age)
+    (tmp_path / "volcalc").mkdir()
+    (tmp_path / "volcalc" / f"{jobs[0].job}.json").touch()  # saved, the newest
+    monkeypatch.setattr(folders, "_MOST_OF_USER", 4)
+    folders.sweep(tmp_path, everything, always=True)
+    assert [folder.path.exists() for folder in jobs] == [False, True, True, True, False, True]
+    (jobs[1].path / "result.json").write_bytes(b"x" * 5000)
+    (jobs[2].path / "result.json").write_bytes(b"x" * 5000)
+    monkeypatch.setattr(folders, "_MOST_BYTES", 7000)
+    folders.sweep(tmp_path, everything, always=True)
+    assert [folder.path.exists() for folder in jobs] == [False, True, False, False, False, True]
+
+
+def test_jobs_of_a_deleted_task_go(folders, tmp_path):
+    here, gone = new_job(folders, tmp_path), new_job(folders, tmp_path, task="deleted")
+    folders.sweep(tmp_path, lambda tasks: tasks - {"deleted"}, always=True)
+    assert here.path.exists()
+    assert not gone.path.exists()
+    assert gone.cancelled  # if it runs, it ends
+
+
+def test_folder_of_a_job_appears_complete_or_not_at_all(folders, tmp_path, monkeypatch):
+    def full(path, document):
+        if path.name == "job.json":
+            raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(folders, "write_json", full)
+    with pytest.raises(OSError, match="No space"):
+        new_job(folders, tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_link_among_the_saved_is_not_followed(folders, tmp_path):
+    store = sys.modules["volcalc_folders.store"]
     secret = tmp_path / "secret"
     secret.write_text("x")
     (tmp_path / "link").symlink_to(secret)
@@ -95,7 +159,8 @@ def running_job(host, task):
     """Start a job and have the worker stand still in the middle of it."""
     for _ in range(8):
         job = host.owner.post(f"{API}/{task}/jobs", {"area": "whole"}).json["job"]
-        host.owner.wait(task, job, "running", "done")
+        while host.owner.wait(task, job, "running", "done")["percent"] is None:
+            time.sleep(0.02)
         host.owner.post("/test/worker/stop")
         if host.owner.get(f"{API}/{task}/jobs/{job}").json["state"] == "running":
             return job
@@ -144,12 +209,12 @@ def test_waiting_jobs_are_limited_listed_and_cancelled(host, working):
     assert third.status == 429
     assert "cancel" in third.error
     listed = host.owner.get(f"{API}/{task}/").json["jobs"]
-    assert {row["job"] for row in listed} == set(jobs)
-    assert {row["state"] for row in listed} == {"queued"}
+    assert [row["job"] for row in listed][:2] == jobs[::-1]
+    assert [row["state"] for row in listed][:2] == ["queued"] * 2
+    assert [row["place"] for row in listed][:2] == [1, 0]
     for job in jobs:
         state = host.owner.ask("DELETE", f"{API}/{task}/jobs/{job}").json["state"]
         assert state == "cancelled"
-    assert host.owner.get(f"{API}/{task}/").json["jobs"] == []
     host.owner.post("/test/worker/go")
     assert host.owner.measured(task)
     assert [host.owner.get(f"{API}/{task}/jobs/{job}").json["state"] for job in jobs] == [
@@ -165,6 +230,7 @@ def test_job_that_is_done_stays_done(host, beach_task, kept):
 def test_job_that_cannot_be_queued_is_refused_and_forgotten(host):
     """Else it would wait for ever, and keep its user from starting others."""
     task = host.tasks["Mine"]
+    before = host.owner.get(f"{API}/{task}/jobs").json
     queue = host.data / "queue"
     away = queue.rename(host.data / "queue-away")
     queue.write_text("no folder")
@@ -175,7 +241,8 @@ def test_job_that_cannot_be_queued_is_refused_and_forgotten(host):
         away.rename(queue)
     assert answer.status == 503
     assert "queue" in answer.error
-    assert host.owner.get(f"{API}/{task}/").json["jobs"] == []
+    after = host.owner.get(f"{API}/{task}/jobs").json
+    assert [row["job"] for row in after] == [row["job"] for row in before]
     assert host.owner.measured(task)
 
 
@@ -183,8 +250,8 @@ def test_result_that_is_too_large_to_keep_says_so(host, monkeypatch):
     package = types.ModuleType("volcalc_work")
     package.__path__ = [str(PLUGIN), str(PLUGIN.parent)]
     monkeypatch.setitem(sys.modules, "volcalc_work", package)
-    for name in ("shapes", "checks", "store", "documents", "quantify_client", "work"):
-        monkeypatch.delitem(sys.modules, f"volcalc_work.{name}", raising=False)
+    for name in [name for name in sys.modules if name.startswith("volcalc_work.")]:
+        monkeypatch.delitem(sys.modules, name)
     work = importlib.import_module("volcalc_work.work")
     row = {"slices": [{"z_m": 0.123456789}] * 100}
     document = {"layers": [{"name": "a"}] * 2, "measurement": {"results": [row], "warnings": []}}

@@ -22,23 +22,21 @@ export default class AreaStep extends React.Component {
       const file = { name, ...readAreas(text, info.limits) };
       onError(null);
       onChange({ file });
+      if (!this.props.map) return;
       editor.load(file.geojson);
-      this.fit(file.geojson);
+      lookAt(this.props.map, L.geoJSON(file.geojson).getBounds());
     } catch (error) {
       onError(`${name}: ${error.message}`);
     }
   };
 
-  fit(geojson) {
-    lookAt(this.props.editor.map, L.geoJSON(geojson).getBounds());
-  }
-
   render() {
-    const { info, form } = this.props;
+    const { info, form, map } = this.props;
     const object = form.shape === "object";
     const noPlace = info.has_crs ? "" : _("The cloud is not georeferenced: only all of it can be measured.");
+    const noMap = map ? "" : _("The task has no orthophoto or elevation model to draw on.");
     const options = [
-      { key: "draw", text: _("Draw"), icon: "draw", disabled: object || !info.has_crs, hint: noPlace },
+      { key: "draw", text: _("Draw"), icon: "draw", disabled: object || !info.has_crs || !map, hint: noPlace || noMap },
       { key: "file", text: _("File"), icon: "file", disabled: object || !info.has_crs, hint: noPlace || _("GeoJSON") },
       {
         key: "crop",
@@ -55,6 +53,11 @@ export default class AreaStep extends React.Component {
         <div className="vc-label">{_("Area")}</div>
         <Choice name="volcalc-area" label={_("Area")} value={value} options={options} onChange={this.choose} />
         {this.renderChoice(value, object)}
+        {noMap ? (
+          <p className="vc-quiet">
+            {noMap} {info.has_crs ? _("The whole cloud, the task's crop and areas from a file can be measured.") : noPlace}
+          </p>
+        ) : null}
       </div>
     );
   }
@@ -150,8 +153,9 @@ export default class AreaStep extends React.Component {
   }
 
   renderFile() {
-    const { form, info, editor } = this.props;
+    const { form, info, editor, map } = this.props;
     const { file } = form;
+    const editable = map && file && file.vertices <= EDITABLE_VERTICES;
     return (
       <div>
         <div className="vc-tools">
@@ -159,8 +163,8 @@ export default class AreaStep extends React.Component {
             limit={info.limits.area_bytes} onText={this.read} onError={this.props.onError} />
           {file ? <span className="vc-quiet vc-clip" title={file.name}>{file.name}</span> : null}
         </div>
-        {file && file.vertices <= EDITABLE_VERTICES ? <div>{this.renderAreas()}{this.renderEditing()}</div> : null}
-        {file && file.vertices > EDITABLE_VERTICES
+        {editable ? <div>{this.renderAreas()}{this.renderEditing()}</div> : null}
+        {file && !editable
           ? <p className="vc-quiet">{fill(_("%(count)s areas, %(vertices)s vertices"), file)}</p>
           : null}
         {!file && !editor.areas.length

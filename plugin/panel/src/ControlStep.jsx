@@ -26,7 +26,8 @@ export default class ControlStep extends React.Component {
     const { form, onChange, wrong } = this.props;
     const options = [
       { key: "none", text: _("None") },
-      { key: "bars", text: _("Scale bars"), disabled: !this.props.info.has_crs },
+      { key: "bars", text: _("Scale bars"), disabled: !this.props.info.has_crs || !this.props.map,
+        hint: this.props.map ? "" : _("There is no map to click on.") },
       { key: "file", text: _("File") },
     ];
     return (
@@ -113,7 +114,7 @@ export default class ControlStep extends React.Component {
   begin = () => {
     const { bars, map } = this.props;
     bars.start();
-    (map || bars.map).getContainer().focus({ preventScroll: true });
+    map.getContainer().focus({ preventScroll: true });
   };
 
   renderBar(bar, index) {

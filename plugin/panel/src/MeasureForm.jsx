@@ -33,18 +33,19 @@ export default class MeasureForm extends React.Component {
   };
 
   render() {
-    const { info, form, units, editor, bars, onChange, onError } = this.props;
-    if (!info.can_run) return <div className="vc-body"><Notice>{info.reason}</Notice></div>;
+    const { info, form, units, editor, bars, map, children, onChange, onError } = this.props;
+    if (!info.can_run) return <div className="vc-body">{children}<Notice>{info.reason}</Notice></div>;
     const wrong = wrongFields(form, bars.bars);
     const missing = this.missing(wrong);
     const shownWrong = this.state.tried ? wrong : {};
     return (
       <form className="vc-form" onSubmit={this.measure} noValidate>
         <div className="vc-body">
-          <AreaStep info={info} form={form} units={units} editor={editor} onChange={onChange} onError={onError} />
+          {children}
+          <AreaStep info={info} form={form} units={units} editor={editor} map={map} onChange={onChange} onError={onError} />
           {form.shape === "terrain" ? this.renderBase(shownWrong) : null}
           {this.renderDensity(shownWrong)}
-          <ControlStep info={info} form={form} units={units} bars={bars} wrong={shownWrong} onChange={onChange}
+          <ControlStep info={info} form={form} units={units} bars={bars} map={map} wrong={shownWrong} onChange={onChange}
             onError={onError} />
           <Advanced form={form} units={units} wrong={shownWrong} onChange={onChange} />
         </div>

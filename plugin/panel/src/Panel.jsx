@@ -1,15 +1,16 @@
-// The panel: which task, which view, and the job under way. What is drawn and typed is kept here,
-// so that it survives looking at something else.
+// The panel: which task, which view, and the measurements under way. What is drawn and typed is kept
+// here, so that it survives looking at something else. Without a map (the 3-D view) nothing is drawn.
 
 import React from "React";
 import { ScaleBars } from "./bars";
 import { TaskApi } from "./api";
 import { AreaEditor } from "./draw";
-import { EMPTY_FORM, fromOptions, inUnits, toControl, toOptions } from "./form";
+import { EMPTY_FORM, fromDocument, inUnits, toControl, toOptions } from "./form";
 import { _, fill } from "./gettext";
-import { rememberedJob, rememberJob, watchJob } from "./jobs";
+import { MyJobs } from "./jobs";
 import { isInView, lookAt, showResult } from "./layers";
 import MeasureForm from "./MeasureForm";
+import Mine from "./Mine";
 import Progress from "./Progress";
 import Result from "./Result";
 import Saved from "./Saved";
@@ -18,7 +19,7 @@ import Tabs from "./Tabs";
 import { onUnitsChanged, unitSystem } from "./units";
 import { IconButton, Notice, Select, Spinner } from "./ui";
 
-const FRESH = { view: "measure", form: EMPTY_FORM, info: null, job: null, result: null, error: null, list: null };
+const FRESH = { view: "measure", form: EMPTY_FORM, info: null, sending: false, result: null, error: null, list: null };
 
 export default class Panel extends React.Component {
   state = { ...FRESH, taskId: this.props.tasks[0].id, units: unitSystem() };
@@ -37,17 +38,19 @@ export default class Panel extends React.Component {
     this.showTools();
   }
 
-  componentDidUpdate(before, { view, job }) {
+  componentDidUpdate(before) {
     // What had the focus may be gone with its view; Escape is to work all the same.
-    const turned = view !== this.state.view || Boolean(job) !== Boolean(this.state.job);
-    if (turned && this.props.shown && document.activeElement === document.body) this.focus();
+    const step = `${this.state.view} ${Boolean(this.job)}`;
+    if (step !== this.step && this.props.shown && document.activeElement === document.body) this.focus();
+    this.step = step;
+    if (this.mine && this.state.info) this.mine.show(this.props.shown);
     if (this.props.shown && !before.shown && this.state.info) this.loadList();
     this.showTools();
   }
 
   componentWillUnmount() {
     this.stopUnits();
-    this.stopWatching();
+    this.mine.destroy();
     this.api = null;
     this.hideLayers();
     this.editor.destroy();
@@ -56,8 +59,9 @@ export default class Panel extends React.Component {
 
   /** The tools are on the map while their step is on the screen. */
   showTools() {
-    const { view, form, job, info } = this.state;
-    const filling = this.props.shown && view === "measure" && !job && Boolean(info) && info.can_run;
+    if (!this.props.map) return;
+    const { view, form, info } = this.state;
+    const filling = this.props.shown && view === "measure" && !this.job && Boolean(info) && info.can_run;
     const area = form.shape === "object" ? "whole" : form.area;
     this.editor.show(filling && (area === "draw" || area === "file"));
     this.bars.show(filling && form.control === "bars");
@@ -71,16 +75,30 @@ export default class Panel extends React.Component {
     return this.props.tasks.find((task) => task.id === this.state.taskId);
   }
 
+  /** The measurement whose progress is on the screen. */
+  get job() {
+    return this.state.sending ? { state: "sending" } : this.mine && this.mine.find(this.mine.followed);
+  }
+
+  /** The visitor's own that are not among the saved ones. */
+  get unsaved() {
+    return this.mine.rows.filter(({ saved }) => !saved);
+  }
+
   // Opening a task.
 
   openTask(taskId) {
+    if (this.mine) this.mine.destroy();
     this.api = new TaskApi(taskId);
     const { api } = this;
+    const mine = new MyJobs(api, () => mine === this.mine && this.heard(), this.ended);
+    this.mine = mine;
+    this.savedJobs = null;
     api.info().then(
       (info) => {
         if (api !== this.api) return;
-        this.setState({ info, view: info.can_run ? "measure" : "saved", form: this.begun(info) });
-        this.takeUpJob(info);
+        const view = info.can_run || info.jobs.length ? "measure" : "saved";
+        this.setState({ info, view, form: this.begun(info) }, () => mine.begin(info.jobs, this.props.shown));
       },
       (error) => api === this.api && this.setState({ error: error.message }),
     );
@@ -89,7 +107,7 @@ export default class Panel extends React.Component {
 
   /** A task that nothing can be drawn on begins with its whole cloud. */
   begun(info) {
-    return info.has_crs ? this.state.form : { ...this.state.form, area: "whole" };
+    return info.has_crs && this.props.map ? this.state.form : { ...this.state.form, area: "whole" };
   }
 
   loadList = () => {
@@ -101,16 +119,9 @@ export default class Panel extends React.Component {
   };
 
   chooseTask = (taskId) => {
-    this.stopWatching();
     this.hideLayers();
     this.setState({ ...FRESH, form: this.state.form, taskId }, () => this.openTask(taskId));
   };
-
-  takeUpJob(info) {
-    const going = (info.jobs || []).slice(-1)[0];
-    const id = going ? going.job : rememberedJob(info.task.id);
-    if (id) this.watch(info.task.id, id, { remembered: !going });
-  }
 
   // Measuring.
 
@@ -121,104 +132,79 @@ export default class Panel extends React.Component {
     let asked = drawn ? this.editor.toGeoJSON() : area;
     if (area === "file" && !drawn) asked = form.file.geojson;
     const { api } = this;
-    this.againName = null;
-    this.setState({ error: null, job: { task: info.task.id, state: "sending" } });
-    api.start(asked, toOptions(form, units), toControl(form, this.bars.bars, units)).then(
-      ({ job }) => {
-        // Of a task that was left meanwhile: found again with it.
-        if (api !== this.api) rememberJob(info.task.id, job);
-        else this.watch(info.task.id, job);
-      },
-      (error) => api === this.api && this.setState({ job: null, error: error.message }),
+    const name = this.newName(drawn);
+    this.setState({ error: null, sending: true });
+    // Of a task that was left meanwhile: the server has it, and tells of it there.
+    api.start(asked, toOptions(form, units), toControl(form, this.bars.bars, units), name).then(
+      ({ job }) => api === this.api && this.begin({ job, task: info.task.id, name }),
+      (error) => api === this.api && this.setState({ sending: false, error: error.message }),
     );
   };
 
-  again = (saved, task) => {
+  begin(started) {
+    this.mine.start(started);
+    this.setState({ view: "measure", result: null, sending: false, error: null });
+  }
+
+  again = (saved, task, taskName) => {
     const here = this.api;
     this.setState({ error: null });
     return here.again(saved.id, task).then(
-      (started) => {
-        if (here !== this.api) return;
-        this.againName = saved.name;
-        this.watch(started.task || this.state.taskId, started.job);
-      },
+      (started) => here === this.api &&
+        this.begin({ job: started.job, task: started.task || here.taskId, taskName, name: saved.name }),
       (error) => this.setState({ error: error.message }),
     );
   };
 
-  watch(task, id, how) {
-    this.stopWatching();
-    const api = task === this.state.taskId ? this.api : new TaskApi(task);
-    rememberJob(task, id);
-    this.setState({ view: "measure", result: null, job: { task, job: id, state: "queued" } });
-    this.unwatch = watchJob(api, id, (state) => this.told(api, state), how);
+  /** The same once more, in the place of one that came to nothing. */
+  startAgain = (row) => new TaskApi(row.task).startAgain(row.job).then(({ job }) => {
+    this.mine.rows = this.mine.rows.filter((other) => other.job !== row.job);
+    this.begin({ ...row, job });
+  });
+
+  /** Something has changed among the visitor's own, here or in another window. */
+  heard() {
+    const saved = this.mine.rows.filter((row) => row.saved).map(({ job }) => job).join();
+    if (this.savedJobs !== null && saved !== this.savedJobs) this.loadList();
+    this.savedJobs = saved;
+    const { result } = this.state;
+    const row = result && result.unsaved && this.mine.find(result.unsaved.job);
+    if (row && row.saved) this.open(row.job, row.task);
+    this.forceUpdate();
   }
 
-  told(api, state) {
-    const job = { ...this.state.job, ...state, unreachable: state.unreachable || null };
-    if (state.state === "done") {
-      this.fetchResult(api, state.job);
-    } else if (state.state === "failed" || state.state === "cancelled") {
-      rememberJob(api.taskId, null);
-      const words = state.forgotten ? null : state.error || _("The measurement failed. The server's log says why.");
-      this.setState({ job: null, error: state.state === "failed" ? words : null });
-      return;
+  ended = ({ state, job, task }) => {
+    if (state === "done" && this.state.view === "measure") {
+      this.openOwn({ job, task }).catch((error) => this.setState({ error: error.message }));
+    } else if (state === "gone") {
+      this.setState({
+        error: _("The server no longer knows this measurement: it was dropped in another window, the plugin was " +
+          "replaced, or you are no longer logged in. Reload the page, and measure again."),
+      });
     }
-    this.setState({ job });
-  }
-
-  fetchResult(api, id) {
-    const here = this.api;
-    api.result(id).then(
-      (doc) => {
-        if (here !== this.api) return;
-        this.setState({ job: null });
-        const failures = doc.measurement.results.map(({ error }) => error);
-        if (failures.every(Boolean)) {
-          // Nothing to look at: back to what was drawn.
-          rememberJob(api.taskId, null);
-          this.setState({ error: [...new Set(failures)].join(" ") });
-          return;
-        }
-        this.showDocument(doc, { job: id, task: api.taskId });
-      },
-      (error) => {
-        rememberJob(api.taskId, null);
-        if (here === this.api) this.setState({ job: null, error: error.message });
-      },
-    );
-  }
-
-  cancel = () => {
-    const { job } = this.state;
-    this.stopWatching();
-    this.setState({ job: { ...job, state: "cancelling" } });
-    const api = new TaskApi(job.task);
-    const ended = () => {
-      rememberJob(job.task, null);
-      this.setState({ job: null });
-    };
-    api.cancel(job.job).then(ended, (error) => {
-      ended();
-      this.setState({ error: error.message });
-    });
   };
 
-  stopWatching() {
-    if (this.unwatch) this.unwatch();
-    this.unwatch = null;
-  }
+  /** Show what one of the visitor's own came to. */
+  openOwn = ({ job, task }) => {
+    const here = this.api;
+    return new TaskApi(task).result(job).then((doc) => {
+      if (here !== this.api) return;
+      const failures = doc.measurement.results.map(({ error }) => error);
+      // Nothing to look at: back to what was drawn.
+      if (failures.every(Boolean)) this.setState({ error: [...new Set(failures)].join(" ") });
+      else this.showDocument(doc, { job, task });
+    });
+  };
 
   // A result, new or saved.
 
   /** `unsaved` tells of which job it is; null for what is among the task's files. */
   showDocument(doc, unsaved) {
+    const { map } = this.props;
     this.hideLayers();
-    this.shownLayers = showResult(this.props.map, this.task, doc);
+    if (map) this.shownLayers = showResult(map, this.task, doc);
     // What was just drawn is in view; what was saved once may lie anywhere.
-    if (!unsaved && !isInView(this.props.map, this.shownLayers.bounds)) {
-      lookAt(this.props.map, this.shownLayers.bounds);
-    }
+    if (map && !unsaved && !isInView(map, this.shownLayers.bounds)) lookAt(map, this.shownLayers.bounds);
     this.setState({ view: "result", result: { doc, unsaved }, error: null });
   }
 
@@ -230,12 +216,15 @@ export default class Panel extends React.Component {
   save = (name) => {
     const { job, task } = this.state.result.unsaved;
     return new TaskApi(task).save(job, name).then((doc) => {
-      rememberJob(task, null);
       if (this.shownLayers) this.shownLayers.rename(doc.name);
       this.setState({ result: { doc, unsaved: null } });
-      this.loadList();
+      this.mine.ask();
     });
   };
+
+  saveOwn = ({ job, task, name }) => new TaskApi(task).save(job, name).then(() => this.mine.ask());
+
+  dropShown = () => this.mine.drop(this.state.result.unsaved).then(this.newMeasurement);
 
   rename = (doc, name) => new TaskApi(doc.task || this.state.taskId).rename(doc.id, name).then((renamed) => {
     const { result } = this.state;
@@ -252,6 +241,9 @@ export default class Panel extends React.Component {
       this.hideLayers();
       this.setState({ result: null });
     }
+    // Who deletes what he measured himself wants no copy of it among his unsaved ones either.
+    const row = this.mine.find(saved.id);
+    if (row) this.mine.drop(row).catch(() => {});
     return this.loadList();
   });
 
@@ -265,20 +257,18 @@ export default class Panel extends React.Component {
     );
   };
 
-  /** Leave a result; its job is no longer taken up after a reload. */
+  /** Leave a result; one that is not saved stays among the visitor's own. */
   newMeasurement = () => {
-    const { unsaved } = this.state.result || {};
-    if (unsaved) rememberJob(unsaved.task, null);
     this.hideLayers();
     this.setState({ view: "measure", result: null });
   };
 
   /** Take the area and the settings of a measurement into the form. */
   edit = (doc) => {
-    const form = fromOptions(doc.options || {}, this.state.units);
+    const { map } = this.props;
     this.hideLayers();
-    if (doc.area) this.editor.load(doc.area);
-    this.setState({ view: "measure", result: null, form: { ...form, area: doc.area ? "draw" : "whole" } });
+    if (doc.area && map) this.editor.load(doc.area);
+    this.setState({ view: "measure", result: null, form: fromDocument(doc, this.state.units, Boolean(map)) });
   };
 
   // What is on the screen.
@@ -298,7 +288,9 @@ export default class Panel extends React.Component {
       <div className={`volcalc-panel theme-secondary theme-color-primary${onMap}`} tabIndex={-1}
         role="dialog" aria-labelledby="volcalc-title" ref={(root) => (this.root = root)} onKeyDown={this.keyed}>
         <div className="vc-head">
-          <h4 id="volcalc-title">{_("Volume (VolCalc)")}</h4>
+          <h4 id="volcalc-title">
+            {_("Volume (VolCalc)")} {info ? <small className="vc-version" title={_("Version and build")}>{info.version}</small> : null}
+          </h4>
           <IconButton icon="close" label={_("Close")} onClick={onClose} />
           {tasks.length > 1 ? (
             <Select label={_("Task")} value={taskId} onChange={this.chooseTask}
@@ -329,9 +321,9 @@ export default class Panel extends React.Component {
   }
 
   renderTabs() {
-    const { view, list, result, job } = this.state;
+    const { view, list, result, sending } = this.state;
     const shown = view === "result" ? (result && result.unsaved ? "measure" : "saved") : view;
-    return <Tabs shown={shown} saved={list ? list.length : 0} busy={Boolean(job)} onTurn={(next) => this.turnTo(next)} />;
+    return <Tabs shown={shown} saved={list ? list.length : 0} busy={sending || this.mine.busy} onTurn={(next) => this.turnTo(next)} />;
   }
 
   turnTo(view) {
@@ -342,7 +334,8 @@ export default class Panel extends React.Component {
   }
 
   renderView() {
-    const { view, info, job, form, units, list, result } = this.state;
+    const { view, info, form, units, list, result } = this.state;
+    const { map } = this.props;
     if (view === "saved") {
       return (
         <Saved list={list} info={info} units={units} api={this.api} onOpen={this.open} onRename={this.rename}
@@ -354,35 +347,43 @@ export default class Panel extends React.Component {
     }
     if (view === "result" && result) {
       return (
-        <Result key={result.doc.id} doc={result.doc} unsaved={result.unsaved} info={info} units={units}
-          api={new TaskApi(result.doc.task || info.task.id)} suggested={this.suggestedName()}
-          onSave={this.save} onRename={this.rename} onNew={this.newMeasurement} onEdit={this.edit}
+        <Result key={result.doc.id} doc={result.doc} unsaved={result.unsaved} info={info} units={units} onMap={Boolean(map)}
+          api={new TaskApi(result.doc.task || info.task.id)} own={result.unsaved && this.mine.find(result.unsaved.job)}
+          onSave={this.save} onRename={this.rename} onNew={this.newMeasurement} onEdit={this.edit} onDrop={this.dropShown}
           onBack={() => this.turnTo("saved")} />
       );
     }
+    const { job } = this;
     if (job) {
-      return <Progress job={job} onCancel={this.cancel} onAgain={() => this.leaveLost()} />;
+      return (
+        <Progress key={job.job} job={job} limits={info.limits} problem={this.mine.problem} onCancel={() => this.mine.cancel(job)}
+          onLeave={() => this.mine.follow(null)}>
+          {this.renderMine(job.job)}
+        </Progress>
+      );
     }
     return (
-      <MeasureForm info={info} form={form} units={units} editor={this.editor} bars={this.bars} map={this.props.map}
+      <MeasureForm info={info} form={form} units={units} editor={this.editor} bars={this.bars} map={map}
         onChange={(change) => this.setState((state) => ({ form: { ...state.form, ...change } }))}
-        onMeasure={this.measure} onError={(error) => this.setState({ error })} />
+        onMeasure={this.measure} onError={(error) => this.setState({ error })}>
+        {this.renderMine(null)}
+      </MeasureForm>
     );
   }
 
-  /** A lost job is left behind, and the form is as it was. */
-  leaveLost() {
-    this.stopWatching();
-    rememberJob(this.state.job.task, null);
-    new TaskApi(this.state.job.task).cancel(this.state.job.job).catch(() => {});
-    this.setState({ job: null });
+  renderMine(but) {
+    const { info } = this.state;
+    return (
+      <Mine rows={this.unsaved.filter(({ job }) => job !== but)} info={info} limits={info.limits}
+        problem={but ? null : this.mine.problem} onFollow={(job) => this.mine.follow(job)} onCancel={(row) => this.mine.cancel(row)}
+        onOpen={this.openOwn} onSave={this.saveOwn} onDrop={(row) => this.mine.drop(row)} onAgain={this.startAgain} />
+    );
   }
 
-  suggestedName() {
-    const { list, result } = this.state;
-    if (this.againName) return this.againName;
-    const [first] = result.doc.measurement.results;
-    const drawn = first && !/^area-\d+$/.test(first.name) ? first.name : "";
-    return drawn || fill(_("Measurement %(number)s"), { number: (list || []).length + 1 });
+  /** What a new measurement is called until its owner names it: as its one area, or by a number. */
+  newName(drawn) {
+    const named = drawn && this.editor.areas.length === 1 && this.editor.areas[0].name.trim();
+    const number = (this.state.list || []).length + this.unsaved.length + 1;
+    return named || fill(_("Measurement %(number)s"), { number });
   }
 }

@@ -1,75 +1,65 @@
-// A job under way: how far it is, and what its silence means.
+// A measurement under way: how far it is, and what its silence means.
 
 import React from "React";
+import { Acting } from "./acting";
 import { _, fill } from "./gettext";
 import { Button, Notice, Spinner } from "./ui";
-import { seconds } from "./words";
+import { seconds, span, stateWords } from "./words";
 
-export default function Progress({ job, onCancel, onAgain }) {
-  const running = job.state === "running";
-  const known = running && Number.isFinite(job.percent);
-  const percent = known ? Math.round(job.percent) : 0;
-  const lost = job.state === "lost";
-  const ending = job.state === "cancelling";
+export default class Progress extends Acting {
+  render() {
+    const { job, problem, onCancel, onLeave, children } = this.props;
+    const ending = this.state.busy === "cancel";
+    const title = ending ? _("Cancelling …") : stateWords(job);
+    return (
+      <div className="vc-body vc-progress">
+        <div className="vc-stage" role="status">
+          <Spinner />
+          <strong>{title}</strong>
+          {isKnown(job) ? <span className="vc-number">{Math.round(job.percent)} %</span> : null}
+        </div>
+        {job.name ? <div className="vc-clip" title={job.name}>{job.name}</div> : null}
+        <Bar job={job} label={title} />
+        <p className="vc-quiet">{this.words()}</p>
+        {problem ? <Notice kind="warning">{problem} {_("The measurement itself goes on.")}</Notice> : null}
+        {job.job ? (
+          <div className="vc-tools">
+            <Button onClick={() => this.act("cancel", onCancel)} disabled={ending}>{_("Cancel")}</Button>
+            <Button onClick={onLeave} title={_("This one goes on meanwhile")}>{_("Measure another")}</Button>
+          </div>
+        ) : null}
+        {this.renderError("cancel")}
+        {children}
+      </div>
+    );
+  }
+
+  words() {
+    const { job, limits } = this.props;
+    if (!job.job) return "";
+    const since = seconds(job.elapsed);
+    const kept = _("You may close the panel, the page or the browser: it is found again here.");
+    if (job.state === "running") return since ? `${fill(_("For %(time)s."), { time: since })} ${kept}` : kept;
+    const begins = _("It begins as soon as a worker of this server is free.");
+    const given = limits.queued_lost_after_s
+      ? ` ${fill(_("Should the server's queue lose it, you are told so after %(time)s, and can start it again."),
+        { time: span(limits.queued_lost_after_s) })}`
+      : "";
+    return `${begins}${given} ${kept}`;
+  }
+}
+
+export function Bar({ job, label }) {
+  const known = isKnown(job);
   return (
-    <div className="vc-body vc-progress">
-      <div className="vc-stage" role="status">
-        {lost ? null : <Spinner />}
-        <strong>{title(job)}</strong>
-        {known ? <span className="vc-number">{percent} %</span> : null}
-      </div>
-      <div className="progress" role="progressbar" aria-valuemin="0" aria-valuemax="100"
-        aria-valuenow={known ? percent : undefined} aria-label={title(job)}>
-        <div className={`progress-bar progress-bar-success${known || lost ? "" : " vc-waiting"}`}
-          style={{ width: known || lost ? `${percent}%` : "100%" }} />
-      </div>
-      <p className="vc-quiet">{words(job)}</p>
-      {lost ? (
-        <Notice kind="warning">
-          {fill(_("Nothing was heard of it for %(silence)s. The worker may have been restarted or have run out of " +
-            "memory. If it comes back, the result appears here; otherwise leave it and measure again, " +
-            "with a smaller area if it happens again."), { silence: seconds(job.seconds) || _("a minute") })}
-        </Notice>
-      ) : null}
-      {job.unreachable ? <Notice kind="warning">{job.unreachable} {_("The measurement itself goes on.")}</Notice> : null}
-      <div className="vc-tools">
-        {lost
-          ? <Button primary onClick={onAgain}>{_("Leave it and start anew")}</Button>
-          : <Button onClick={onCancel} disabled={ending || !job.job}>{_("Cancel")}</Button>}
-      </div>
+    <div className="progress" role="progressbar" aria-valuemin="0" aria-valuemax="100"
+      aria-valuenow={known ? Math.round(job.percent) : undefined} aria-label={label}>
+      <div className={`progress-bar progress-bar-success${known ? "" : " vc-waiting"}`}
+        style={{ width: known ? `${Math.round(job.percent)}%` : "100%" }} />
     </div>
   );
 }
 
-function title({ state, stage }) {
-  if (state === "running") return stageWords(stage);
-  return {
-    sending: _("Sending …"),
-    queued: _("Waiting for a worker"),
-    lost: _("The worker has gone silent"),
-    cancelling: _("Cancelling …"),
-    done: _("Fetching the result …"),
-  }[state] || String(state);
-}
-
-function words({ state, elapsed }) {
-  const since = seconds(elapsed);
-  if (state === "queued") {
-    return `${_("It begins as soon as a worker of this server is free. You may close the panel or the page.")}` +
-      `${since ? ` (${since})` : ""}`;
-  }
-  if (state === "running") return since ? fill(_("For %(time)s. You may close the panel or the page."), { time: since }) : "";
-  return "";
-}
-
-function stageWords(stage) {
-  const known = {
-    starting: _("Starting"),
-    "reading points": _("Reading points"),
-    "finding the body": _("Finding the body"),
-    "measuring areas": _("Measuring areas"),
-    slicing: _("Slicing"),
-    drawing: _("Drawing the layers"),
-  };
-  return known[stage] || (stage ? String(stage) : _("Running"));
+function isKnown({ state, percent }) {
+  return state === "running" && Number.isFinite(percent);
 }

@@ -1,24 +1,28 @@
 // What came out: the volume first and large, then what it is made of and what it rests on.
 
 import React from "React";
+import { Acting, askDrop } from "./acting";
 import Chart from "./Chart";
 import { _, fill } from "./gettext";
 import { NameField, Rename } from "./Naming";
 import { Bases, Budget, Details, Legend } from "./ResultParts";
 import { percent } from "./units";
 import { baseName, when } from "./words";
-import { Button, Fold, Icon, Notice } from "./ui";
+import { Button, Fold, Icon, IconButton, Notice } from "./ui";
 
-export default class Result extends React.Component {
-  state = { chosen: 0, saving: false, error: null };
+export default class Result extends Acting {
+  state = { asking: null, busy: null, error: null, chosen: 0 };
 
-  save = (name) => {
-    this.setState({ saving: true, error: null });
-    this.props.onSave(name).catch((error) => this.setState({ saving: false, error: error.message }));
-  };
+  /** How long a result that is not saved is there. */
+  keptWords() {
+    const { own } = this.props;
+    if (!own) return _("This result was dropped in another window: it cannot be saved any more.");
+    if (!own.kept_until) return _("Not saved yet.");
+    return fill(_("Not saved yet. Kept for you until %(date)s."), { date: when(own.kept_until) });
+  }
 
   render() {
-    const { doc, unsaved, units, info } = this.props;
+    const { doc, unsaved, own, units, info } = this.props;
     const { measurement } = doc;
     const result = measurement.results[this.state.chosen] || {};
     return (
@@ -33,10 +37,11 @@ export default class Result extends React.Component {
           <Details doc={doc} units={units} />
         </div>
         <div className="vc-foot theme-secondary">
-          {unsaved && info.can_change ? (
-            <NameField suggested={this.props.suggested} busy={this.state.saving} onSave={this.save} />
+          {own && info.can_change ? (
+            <NameField suggested={doc.name} busy={this.state.busy === "save"}
+              onSave={(name) => this.act("save", () => this.props.onSave(name))} />
           ) : null}
-          {this.state.error ? <Notice kind="error">{this.state.error}</Notice> : null}
+          {this.renderError("save")}
           {unsaved ? null : this.renderExport()}
         </div>
       </div>
@@ -44,7 +49,7 @@ export default class Result extends React.Component {
   }
 
   renderHead() {
-    const { doc, unsaved, info, onNew, onBack, onEdit, onRename } = this.props;
+    const { doc, unsaved, own, info, onNew, onBack, onEdit, onRename } = this.props;
     const meta = [when(doc.date), doc.user].filter(Boolean).join(" · ");
     return (
       <div className="vc-result-head">
@@ -54,6 +59,11 @@ export default class Result extends React.Component {
             <Button onClick={() => onEdit(doc)} title={_("Change the area or the settings and measure again")}>
               <Icon name="pencil" /> {_("Change")}
             </Button>
+            <IconButton icon="trash" label={_("Drop this result")} disabled={!own}
+              onClick={() => this.setState({ asking: "drop" })} />
+            <p className="vc-quiet">{this.keptWords()}</p>
+            {this.state.asking === "drop" ? this.renderAsk("drop", { ...askDrop(), doing: this.props.onDrop }) : null}
+            {this.renderError("drop")}
           </div>
         ) : (
           <div>
@@ -93,7 +103,7 @@ export default class Result extends React.Component {
   }
 
   renderResult(result) {
-    const { doc, units } = this.props;
+    const { doc, units, onMap } = this.props;
     const terrain = doc.measurement.shape === "terrain";
     const layer = (doc.layers || [])[this.state.chosen];
     const [low, high] = result.interval95_m3 || [];
@@ -124,7 +134,7 @@ export default class Result extends React.Component {
         ))}</dl>
         {(result.warnings || []).map((words) => <Notice key={words} kind="warning">{words}</Notice>)}
         {result.slices && result.slices.length ? <Chart result={result} terrain={terrain} units={units} /> : null}
-        {layer && layer.relief ? <Legend relief={layer.relief} units={units} terrain={terrain} /> : null}
+        {onMap && layer && layer.relief ? <Legend relief={layer.relief} units={units} terrain={terrain} /> : null}
         <Fold title={_("What the error is made of")} said={units.margin(result.std_m3)}>
           <Budget result={result} units={units} />
         </Fold>

@@ -1,31 +1,15 @@
 // The measurements that the task keeps.
 
 import React from "React";
+import { Acting } from "./acting";
 import { projectTasks } from "./api";
 import { _, fill } from "./gettext";
 import { Rename } from "./Naming";
 import { Button, Icon, IconButton, Notice, Spinner } from "./ui";
 import { baseName, when } from "./words";
 
-export default class Saved extends React.Component {
+export default class Saved extends Acting {
   state = { asking: null, busy: null, error: null, others: null };
-
-  /** Do something with one of them, and show what goes wrong beside it. */
-  act(id, doing) {
-    this.setState({ busy: id, error: null });
-    doing().then(
-      () => this.alive && this.setState({ busy: null, asking: null }),
-      (error) => this.alive && this.setState({ busy: null, error: { id, words: error.message } }),
-    );
-  }
-
-  componentDidMount() {
-    this.alive = true;
-  }
-
-  componentWillUnmount() {
-    this.alive = false;
-  }
 
   askAgain(id) {
     this.setState({ asking: { id, what: "again" } });
@@ -75,7 +59,7 @@ export default class Saved extends React.Component {
 
   renderOne(saved) {
     const { info, onOpen, onRename, onRemove } = this.props;
-    const { asking, busy, error } = this.state;
+    const { asking, busy } = this.state;
     const asked = asking && asking.id === saved.id ? asking.what : null;
     const name = saved.name || _("(unreadable)");
     return (
@@ -89,9 +73,10 @@ export default class Saved extends React.Component {
           </Rename>
           {busy === saved.id ? <Spinner /> : null}
         </div>
-        {saved.readable ? this.renderSummary(saved) : (
-          <Notice kind="warning">{saved.problem || _("The file cannot be read.")}</Notice>
-        )}
+        {saved.readable ? this.renderSummary(saved) : null}
+        {saved.problem || !saved.readable ? (
+          <Notice kind={saved.readable ? "note" : "warning"}>{saved.problem || _("The file cannot be read.")}</Notice>
+        ) : null}
         <div className="vc-saved-foot">
           <span className="vc-quiet">{[when(saved.date), saved.user].filter(Boolean).join(" · ")}</span>
           <span className="vc-actions">
@@ -109,18 +94,14 @@ export default class Saved extends React.Component {
             ) : null}
           </span>
         </div>
-        {asked === "delete" ? (
-          <div className="vc-ask" role="group" aria-label={_("Delete")}>
-            <span>{_("Delete this measurement for everybody?")}</span>
-            <button type="button" className="btn btn-sm btn-danger" disabled={busy === saved.id}
-              onClick={() => this.act(saved.id, () => onRemove(saved))}>
-              {_("Delete")}
-            </button>
-            <Button onClick={() => this.setState({ asking: null })}>{_("Keep")}</Button>
-          </div>
-        ) : null}
+        {asked === "delete" ? this.renderAsk(saved.id, {
+          question: _("Delete this measurement for everybody?"),
+          yes: _("Delete"),
+          no: _("Keep"),
+          doing: () => onRemove(saved),
+        }) : null}
         {asked === "again" ? this.renderAgain(saved) : null}
-        {error && error.id === saved.id ? <Notice kind="error">{error.words}</Notice> : null}
+        {this.renderError(saved.id)}
       </li>
     );
   }
@@ -144,6 +125,12 @@ export default class Saved extends React.Component {
     );
   }
 
+  /** The name of another task of the project; nothing for this one. */
+  nameOf(task) {
+    const other = task !== this.props.info.task.id && (this.state.others || []).find(({ id }) => id === task);
+    return other ? other.name || other.id : undefined;
+  }
+
   renderAgain(saved) {
     const { info, onAgain } = this.props;
     const others = (this.state.others || []).filter(({ id }) => id !== info.task.id);
@@ -156,7 +143,7 @@ export default class Saved extends React.Component {
         </select>
         <button type="button" className="btn btn-sm btn-primary"
           disabled={!this.state.others || this.state.busy === saved.id}
-          onClick={() => this.act(saved.id, () => onAgain(saved, this.select.value))}>
+          onClick={() => this.act(saved.id, () => onAgain(saved, this.select.value, this.nameOf(this.select.value)))}>
           <Icon name="again" /> {_("Measure")}
         </button>
         <Button onClick={() => this.setState({ asking: null })}>{_("Cancel")}</Button>

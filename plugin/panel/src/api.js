@@ -64,8 +64,12 @@ export class TaskApi {
     return request("GET", `${this.root}/`);
   }
 
-  start(area, options, control) {
-    return request("POST", `${this.root}/jobs`, { area, options, control });
+  start(area, options, control, name) {
+    return request("POST", `${this.root}/jobs`, { area, options, control, name });
+  }
+
+  jobs() {
+    return request("GET", `${this.root}/jobs`);
   }
 
   job(id) {
@@ -74,6 +78,14 @@ export class TaskApi {
 
   cancel(id) {
     return request("DELETE", `${this.root}/jobs/${encodeURIComponent(id)}`);
+  }
+
+  drop(id) {
+    return request("POST", `${this.root}/jobs/${encodeURIComponent(id)}/drop`, {});
+  }
+
+  startAgain(id) {
+    return request("POST", `${this.root}/jobs/${encodeURIComponent(id)}/again`, {});
   }
 
   result(id) {
@@ -115,9 +127,12 @@ export class TaskApi {
   }
 }
 
-/** The finished tasks of a project, as WebODM lists them: [{id, name}]. */
+const POINT_CLOUD = /^georeferenced_model\.(laz|las)$/;
+
+/** The tasks of a project that can be measured, as WebODM lists them: [{id, name}]. */
 export async function projectTasks(project) {
   const tasks = await request("GET", `/api/projects/${encodeURIComponent(project)}/tasks/?ordering=-created_at`);
   const list = Array.isArray(tasks) ? tasks : tasks.results || [];
-  return list.filter((task) => task.status === 40).map(({ id, name }) => ({ id, name }));
+  const hasCloud = ({ available_assets: assets }) => !assets || assets.some((asset) => POINT_CLOUD.test(asset));
+  return list.filter((task) => task.status === 40 && hasCloud(task)).map(({ id, name }) => ({ id, name }));
 }

@@ -1,5 +1,6 @@
 // What the form holds, and what the API is told of it.
 
+import { readAreas } from "./geometry";
 import { _ } from "./gettext";
 import { isUnclear, retyped, typed } from "./units";
 
@@ -103,8 +104,15 @@ export function toOptions(form, units) {
   return options;
 }
 
-/** A form with the settings of a saved measurement, to change and measure anew. */
-export function fromOptions(options, units) {
+/** A form with the area and the settings of a measurement, to change and measure anew. */
+export function fromDocument({ name, area, options }, units, onMap) {
+  const form = fromOptions(options || {}, units);
+  if (!area) return { ...form, area: "whole" };
+  if (onMap) return { ...form, area: "draw" };
+  return { ...form, area: "file", file: { name, ...readAreas(JSON.stringify(area)) } };
+}
+
+function fromOptions(options, units) {
   const length = (metres) => retyped(String(metres), units.perMetre);
   const has = (key) => options[key] !== undefined && options[key] !== null;
   const form = { ...EMPTY_FORM };

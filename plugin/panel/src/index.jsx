@@ -1,4 +1,5 @@
-// What main.js loads on the map page: the control on the map, and the panel that it opens.
+// What main.js loads: on the map page the control and the panel that it opens, in the 3-D view of a task
+// without a map the panel alone.
 
 import L from "leaflet";
 import React from "React";
@@ -8,6 +9,39 @@ import Panel from "./Panel";
 import "./panel.css";
 
 const PILE = "M2 20.5h22M4 20.5c3.6-1 4.9-12 9-12s5.4 11 9 12M8.3 16.4h9.4M10 12.4h6";
+
+/** The panel in its place on a page; `button` opens and closes it. */
+class Dock {
+  constructor(parent, { map, tasks, button }) {
+    Object.assign(this, { map, tasks, button, parent, isOpen: false });
+    this.element = L.DomUtil.create("div", map ? "volcalc-dock" : "volcalc-dock volcalc-beside", parent);
+    this.element.hidden = true;
+    L.DomEvent.disableClickPropagation(this.element);
+    L.DomEvent.disableScrollPropagation(this.element);
+    button.setAttribute("aria-expanded", "false");
+  }
+
+  // The panel stays alive when it is closed: what was drawn and measured is there when it is opened again.
+  toggle = (open = !this.isOpen) => {
+    this.isOpen = open;
+    this.button.setAttribute("aria-expanded", String(open));
+    this.button.classList.toggle("selected", open);
+    this.element.hidden = !open;
+    this.parent.classList.toggle("volcalc-open", open);
+    ReactDOM.render(
+      <Panel ref={(panel) => (this.panel = panel)} map={this.map} tasks={this.tasks} shown={open}
+        onClose={() => this.toggle(false)} />,
+      this.element,
+      () => open && this.panel && this.panel.focus(),
+    );
+    if (!open) this.button.focus();
+  };
+
+  remove() {
+    ReactDOM.unmountComponentAtNode(this.element);
+    this.element.remove();
+  }
+}
 
 const Control = L.Control.extend({
   options: { position: "topright" },
@@ -20,63 +54,21 @@ const Control = L.Control.extend({
       role: "button",
       title: _("Volume (VolCalc)"),
       "aria-label": _("Volume (VolCalc)"),
-      "aria-expanded": "false",
     }).forEach(([name, value]) => button.setAttribute(name, value));
     button.appendChild(icon());
     L.DomEvent.disableClickPropagation(bar);
-    button.addEventListener("click", (event) => {
+    this.dock = new Dock(map.getContainer(), { map, tasks: this.options.tasks, button });
+    const toggled = (event) => {
       event.preventDefault();
-      this.toggle();
-    });
-    button.addEventListener("keydown", (event) => {
-      if (event.key !== " ") return;
-      event.preventDefault();
-      this.toggle();
-    });
-    this.button = button;
-    this.dock = L.DomUtil.create("div", "volcalc-dock", map.getContainer());
-    L.DomEvent.disableClickPropagation(this.dock);
-    L.DomEvent.disableScrollPropagation(this.dock);
+      this.dock.toggle();
+    };
+    button.addEventListener("click", toggled);
+    button.addEventListener("keydown", (event) => event.key === " " && toggled(event));
     return bar;
   },
 
   onRemove() {
-    ReactDOM.unmountComponentAtNode(this.dock);
     this.dock.remove();
-  },
-
-  toggle() {
-    if (this.isOpen) this.close();
-    else this.open();
-  },
-
-  open() {
-    this.isOpen = true;
-    this.button.setAttribute("aria-expanded", "true");
-    this.button.classList.add("selected");
-    this.dock.hidden = false;
-    this._map.getContainer().classList.add("volcalc-open");
-    ReactDOM.render(
-      <Panel ref={(panel) => (this.panel = panel)} map={this._map} tasks={this.options.tasks}
-        shown onClose={() => this.close()} />,
-      this.dock,
-      () => this.panel && this.panel.focus(),
-    );
-  },
-
-  // The panel stays alive: what was drawn and measured is there when it is opened again.
-  close() {
-    this.isOpen = false;
-    this.button.setAttribute("aria-expanded", "false");
-    this.button.classList.remove("selected");
-    this.dock.hidden = true;
-    this._map.getContainer().classList.remove("volcalc-open");
-    ReactDOM.render(
-      <Panel ref={(panel) => (this.panel = panel)} map={this._map} tasks={this.options.tasks}
-        shown={false} onClose={() => this.close()} />,
-      this.dock,
-    );
-    this.button.focus();
   },
 });
 
@@ -95,6 +87,12 @@ function icon() {
 export default function addVolume({ map, tasks, open }) {
   const control = new Control({ tasks });
   map.addControl(control);
-  if (open) control.open();
+  if (open) control.dock.toggle();
   return control;
+}
+
+/** The panel on a page without a map, above `parent`; the same one for each call. */
+export function besideModel({ parent, task, button }) {
+  if (!parent.volcalcDock) parent.volcalcDock = new Dock(parent, { map: null, tasks: [task], button });
+  return parent.volcalcDock;
 }

@@ -1,66 +1,151 @@
-// Watching a job. WebODM tells nothing by itself, so the panel asks; an answer that does not come
-// is not a failure of the job, and is said as what it is.
+// The visitor's own measurements of a task: those that wait or run, and what they came to until it
+// is saved or dropped. The server keeps them, so any tab and any browser finds them again. WebODM
+// tells nothing by itself: the panel asks, while it is open and one of them goes on.
 
-import { _ } from "./gettext";
+import { TaskApi } from "./api";
 
 const QUICK_MS = 700;
 const SLOW_MS = 2000;
-const GONE = () => _("The server no longer knows this measurement: the plugin was replaced, or you are no longer " +
-  "logged in. Reload the page and measure again.");
-const ENDS = ["done", "failed", "cancelled"];
+const QUICK_FOR_MS = 15000;
 
-/**
- * Ask for the job's state until it ends. `told` gets each state, and {unreachable: message} while
- * the server does not answer; a lost job is asked for on, as its worker may come back.
- * A `remembered` job that the server has forgotten meanwhile is none to speak of. Returns how to stop.
- */
-export function watchJob(api, id, told, { remembered = false } = {}) {
-  const began = Date.now();
-  let known = !remembered;
-  let stopped = false;
-  let timer = null;
+export function goesOn({ state }) {
+  return state === "queued" || state === "running";
+}
 
-  async function ask() {
-    try {
-      const state = await api.job(id);
-      if (stopped) return;
-      known = true;
-      told(state);
-      if (ENDS.includes(state.state)) return;
-    } catch (error) {
-      if (stopped) return;
-      if (error.status && error.status < 500) {
-        told({ job: id, state: "failed", error: known ? GONE() : null, forgotten: !known });
-        return;
-      }
-      told({ job: id, unreachable: error.message });
-    }
-    timer = setTimeout(ask, Date.now() - began < 15000 ? QUICK_MS : SLOW_MS);
+export class MyJobs {
+  /**
+   * `told` is called after every change, `ended` with the measurement that is followed when it has
+   * ended (state "gone": the server knows nothing of it any more).
+   */
+  constructor(api, told, ended) {
+    this.api = api;
+    this.told = told;
+    this.ended = ended;
+    this.rows = []; // as the API gives them, the newest first; each with the id of its task
+    this.others = []; // {job, task, taskName}: started here, measured in another task
+    this.followed = null; // the id of the one whose progress is on the screen
+    this.problem = null; // why the server could not be asked the last time
+    this.shown = false;
+    this.asked = 0;
+    window.addEventListener("focus", this.look);
+    document.addEventListener("visibilitychange", this.look);
   }
 
-  ask();
-  return () => {
-    stopped = true;
-    clearTimeout(timer);
+  destroy() {
+    this.told = this.ended = () => {};
+    this.show(false);
+    window.removeEventListener("focus", this.look);
+    document.removeEventListener("visibilitychange", this.look);
+  }
+
+  show(shown) {
+    if (this.shown === shown) return;
+    this.shown = shown;
+    if (shown) this.ask();
+    else clearTimeout(this.timer);
+  }
+
+  /** Another window may have changed something meanwhile. */
+  look = () => {
+    if (this.shown && !document.hidden) this.ask();
   };
-}
 
-// A reload of the page must not lose sight of a job that goes on.
-const key = (task) => `volcalc.job.${task}`;
-
-export function rememberJob(task, job) {
-  try {
-    if (job) window.sessionStorage.setItem(key(task), job);
-    else window.sessionStorage.removeItem(key(task));
-  } catch (e) {
-    // Without storage the job is simply not taken up again.
+  get busy() {
+    return this.rows.some(goesOn);
   }
-}
 
-export function rememberedJob(task) {
-  try {
-    return window.sessionStorage.getItem(key(task));
-  } catch (e) {
-    return null;
+  find(id) {
+    return this.rows.find(({ job }) => job === id) || null;
+  }
+
+  /** Take what the overview said; the newest that goes on is followed. */
+  begin(rows, shown) {
+    this.shown = shown;
+    this.rows = this.ofTask(rows, this.api.taskId);
+    const going = this.rows.find(goesOn);
+    this.followed = going ? going.job : null;
+    this.settle();
+  }
+
+  /** Follow one that was just started, here or (`taskName`) in another task. */
+  start({ job, task, name, taskName }) {
+    if (task !== this.api.taskId) this.others.unshift({ job, task, taskName });
+    this.rows.unshift({ job, task, name, taskName, state: "queued" });
+    this.followed = job;
+    this.began = Date.now();
+    return this.ask();
+  }
+
+  /** Have the progress of one on the screen; null for none. */
+  follow(job) {
+    this.followed = job;
+    this.told();
+  }
+
+  async cancel({ job, task }) {
+    await new TaskApi(task).cancel(job);
+    await this.ask();
+  }
+
+  /** Forget one that has ended; one that is gone already is as good as dropped. */
+  async drop({ job, task }) {
+    try {
+      await new TaskApi(task).drop(job);
+    } catch (error) {
+      if (error.status !== 404) throw error;
+    }
+    this.others = this.others.filter((other) => other.job !== job);
+    this.rows = this.rows.filter((row) => row.job !== job);
+    await this.ask();
+  }
+
+  async ask() {
+    clearTimeout(this.timer);
+    const number = (this.asked += 1);
+    let rows = null;
+    let problem = null;
+    let refused = false;
+    try {
+      const [own, others] = await Promise.all([this.api.jobs(), this.askOthers()]);
+      rows = [...others, ...this.ofTask(own, this.api.taskId)];
+    } catch (error) {
+      problem = error.message;
+      refused = error.status >= 400 && error.status < 500;
+    }
+    if (number !== this.asked) return;
+    if (rows) this.rows = rows;
+    this.problem = problem;
+    this.settle(refused);
+  }
+
+  async askOthers() {
+    const gone = new Set();
+    const rows = await Promise.all(this.others.map(({ job, task, taskName }) =>
+      new TaskApi(task).job(job).then((row) => ({ ...row, task, taskName }), (error) => {
+        if (error.status !== 404) throw error;
+        gone.add(job);
+        return null;
+      })));
+    this.others = this.others.filter(({ job }) => !gone.has(job));
+    return rows.filter(Boolean);
+  }
+
+  ofTask(rows, task) {
+    return (rows || []).map((row) => ({ ...row, task }));
+  }
+
+  settle(refused = false) {
+    if (this.followed) {
+      const row = this.find(this.followed) || { job: this.followed, state: "gone" };
+      if (!goesOn(row)) {
+        this.followed = null;
+        this.ended(row);
+      }
+    }
+    if (this.shown && this.busy && !refused && !document.hidden) {
+      const pace = Date.now() - (this.began || 0) < QUICK_FOR_MS ? QUICK_MS : SLOW_MS;
+      this.timer = setTimeout(() => this.ask(), pace);
+    }
+    this.told();
   }
 }

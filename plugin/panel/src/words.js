@@ -1,6 +1,6 @@
 // What the library's short names mean, for people.
 
-import { _ } from "./gettext";
+import { _, fill } from "./gettext";
 
 export const BASES = [
   ["triangulate", () => _("Ground along the outline"), () => _("Stretched between the points of the outline; right for most piles and pits.")],
@@ -51,5 +51,45 @@ export function when(text, withTime = true) {
 export function seconds(value) {
   if (!Number.isFinite(value)) return "";
   const whole = Math.round(value);
-  return whole < 60 ? `${whole} s` : `${Math.floor(whole / 60)} min ${whole % 60} s`;
+  if (whole < 60) return `${whole} s`;
+  return `${Math.floor(whole / 60)} min${whole % 60 ? ` ${whole % 60} s` : ""}`;
+}
+
+/** A length of time in its largest sensible unit: "40 s", "3 min 20 s", "5 h", "7 d". */
+export function span(value) {
+  if (!(value >= 7200)) return seconds(value);
+  const hours = Math.round(value / 3600);
+  return hours < 48 ? `${hours} h` : `${Math.round(hours / 24)} d`;
+}
+
+const STAGES = {
+  starting: () => _("Starting"),
+  "reading points": () => _("Reading points"),
+  "finding the body": () => _("Finding the body"),
+  "measuring areas": () => _("Measuring areas"),
+  slicing: () => _("Slicing"),
+  drawing: () => _("Drawing the layers"),
+};
+
+/** How a measurement of one's own stands. */
+export function stateWords({ state, stage, place }) {
+  if (state === "running") return STAGES[stage] ? STAGES[stage]() : String(stage || _("Running"));
+  if (state === "queued" && place > 0) return fill(_("Waiting for a worker, %(count)s before it"), { count: place });
+  const known = {
+    sending: _("Sending …"),
+    queued: _("Waiting for a worker"),
+    done: _("Finished, not saved yet"),
+    failed: _("Failed"),
+    cancelled: _("Cancelled"),
+    lost: _("Lost"),
+  };
+  return known[state] || String(state);
+}
+
+/** Why it came to nothing, for those where the server says no more. */
+export function endWords({ state, error }) {
+  if (error) return error;
+  if (state === "lost") return _("The server lost sight of this measurement. Start it again.");
+  if (state === "failed") return _("The measurement failed. The server's log says why.");
+  return null;
 }

@@ -4,7 +4,8 @@
 
 Log in by GET /test/login?user=owner (or changer, viewer, other; without user: out). /test/tasks
 names the tasks: "Beach" with tiles, "Beach LAZ" with the file only, "Public" for everyone, "Empty"
-without a cloud, "Elsewhere" of another project, "Running", "Longggg...".
+without a cloud, "Elsewhere" of another project, "Running", "Longggg...", "Frilly" with a crop of
+10,001 corners.
 /test/worker/kill kills the worker, /test/worker/stop has it stand still until /test/worker/go.
 """
 
@@ -86,7 +87,7 @@ def application():
 
 def prepare(data: Path, archive: Path | None, public: Path | None) -> None:
     """Unpack the plugin where WebODM would have it."""
-    for name in ("media/plugins", "queue", "running", "results", "revoked"):
+    for name in ("media/plugins", "queue", "running", "results"):
         (data / name).mkdir(parents=True, exist_ok=True)
     for stale in (data / "running").iterdir():
         stale.unlink()
@@ -135,6 +136,9 @@ def make_tasks(data: Path) -> None:
     _task(elsewhere, "Elsewhere", day=6)
     _task(mine, "Mine", laz=True, day=7)
     _task(mine, "Long".ljust(250, "g"), laz=True, day=8)
+    corners = [f"{-91.994 + place * 1e-9:.9f} 46.8422" for place in range(10_001)]
+    frilly = f"POLYGON (({', '.join([*corners, corners[0]])}))"
+    _task(mine, "Frilly", laz=True, day=9, crop_wkt=frilly)
 
 
 def _task(project, name: str, *, ept: bool = False, laz: bool = False, day: int, **fields) -> None:
@@ -147,10 +151,9 @@ def _task(project, name: str, *, ept: bool = False, laz: bool = False, day: int,
         name=name,
         epsg=32615,
         created_at=datetime(2024, 5, day, tzinfo=timezone.utc),
-        crop_wkt=CROP,
         extent_text=json.dumps(EXTENT),
         points=415_000,
-        **fields,
+        **{"crop_wkt": CROP, **fields},
     )
     model = Path(task.get_asset_download_path("georeferenced_model.laz"))
     model.parent.mkdir(parents=True)

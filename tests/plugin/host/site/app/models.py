@@ -56,6 +56,11 @@ class Geometry:
         )
 
     @property
+    def num_coords(self):
+        """The number of corners."""
+        return sum(map(len, self.coords))
+
+    @property
     def geojson(self):
         """Latitude first: the trap is kept."""
         rings = [[[y, x] for x, y in ring] for ring in self.coords]
@@ -116,8 +121,14 @@ class Task(models.Model):
         return None if found is None else tuple(found)
 
     def get_statistics(self):
-        """Return what is known of the cloud."""
-        return {"pointcloud": {"points": self.points}}
+        """Return what is known of the cloud, without a doubt in the file that says it."""
+        path = self.assets_path("odm_report", "stats.json")
+        points = self.points
+        if os.path.exists(path):
+            with open(path, encoding="utf-8") as file:
+                found = json.load(file)
+            points = found.get("reconstruction_statistics", {}).get("reconstructed_points_count")
+        return {"pointcloud": {"points": points}}
 
     def update_size(self, commit=False):
         """Add up the files, in megabytes."""
