@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import tempfile
 from contextlib import suppress
 from dataclasses import fields, replace
 from pathlib import Path
@@ -22,9 +21,10 @@ from ..report import require_writable
 from ..report.words import printable
 from ..sfm.access import Access
 from ..types import Options
+from ..writing import scratch
 from .access import access_of, node_token
 from .job_display import shown_job
-from .measuring import deliver, options_of
+from .measuring import deliver, inputs_of, options_of
 from .shown import complain, say, stages
 
 __all__ = ["resume", "submit"]
@@ -38,8 +38,8 @@ _FILES = ("area", "gcp")  # options that name files, kept with their whole path
 def submit(given: argparse.Namespace) -> int:
     """Check everything, send the photographs, wait, and measure what comes back."""
     options = _checked_options(given)
-    with tempfile.TemporaryDirectory(prefix="quantify-") as scratch:
-        plan, control = _plan(given, Path(scratch) / GCP_NAME)
+    with scratch() as folder:
+        plan, control = _plan(given, folder / GCP_NAME)
         if control is not None and not control.applied:
             _leave_out_control(options)
         lines = _said(plan, control, options)
@@ -69,6 +69,8 @@ def _go_on(folder: Path, given: argparse.Namespace) -> int:
     finished = _finished(folder)
     if finished is not None:
         return _show_finished(folder, finished, given)
+    kept = _kept_options(folder)
+    require_writable(folder / _REPORT, [kept.get(name) for name in _FILES])
     with shown_job() as report:
         archive = run_job(
             folder,
@@ -148,7 +150,7 @@ def _checked_options(given: argparse.Namespace) -> Dict[str, Any]:
     if given.area is not None:
         require_polygons(given.area)
     require_free(given.out)
-    require_writable(given.out)
+    require_writable(given.out / _REPORT, inputs_of(given))
     for name in _FILES:
         if options[name] is not None:
             options[name] = str(Path(options[name]).resolve())
