@@ -17,7 +17,7 @@ import tempfile
 import time
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import BinaryIO, Iterator, List, Optional, Pattern, Sequence, Union
+from typing import Iterator, List, Optional, Pattern, Sequence, Union
 
 from .errors import OutputError
 
@@ -28,7 +28,6 @@ __all__ = [
     "require_replaceable",
     "scratch",
     "staging",
-    "try_lock",
 ]
 
 #: What marks a file as ours, in the way that each format has for it.
@@ -54,7 +53,8 @@ _OUTLINES = "areas.geojson"  # had no mark at first: a report beside it and all 
 _MOST_BYTES = 100_000_000
 
 _HIDDEN, _SCRATCH = ".quantify-", "quantify-"
-_LOCK, _PLAN, _EARLIER = ".quantify-lock", ".quantify-plan", ".quantify-earlier"
+_NAME = re.compile(r"\.?quantify-[0-9a-f]{16}")
+_PLAN, _EARLIER = ".quantify-plan", ".quantify-earlier"
 _TURN_S = 10.0
 
 Input = Union[str, Path, None]
@@ -206,32 +206,63 @@ def scratch() -> Iterator[Path]:
 @contextmanager
 def _working(parent: Path, prefix: str) -> Iterator[Path]:
     _sweep(parent, prefix)
-    path = parent / f"{prefix}{secrets.token_hex(8)}"
-    lock: Optional[BinaryIO] = None
+    lock: Optional[int] = None
+    path = parent
     try:
-        path.mkdir(mode=0o700)
-        lock = (path / _LOCK).open("w+b", buffering=0)
-        if try_lock(lock.fileno()):
-            lock.write(b"locked while its run lives\n")  # one without it may be about to be locked
+        while lock is None:
+            path = parent / f"{prefix}{secrets.token_hex(8)}"
+            path.mkdir(mode=0o700)
+            lock = _locked(path)
         yield path
     finally:
-        if lock is not None:
-            lock.close()
-        shutil.rmtree(path, ignore_errors=True)
+        if path != parent:
+            shutil.rmtree(path, ignore_errors=True)
+        if lock is not None and lock >= 0:
+            os.close(lock)
+
+
+def _locked(path: Path) -> Optional[int]:
+    """Lock a working folder, and return its handle; None when somebody has swept it already.
+
+    The handle is -1 where folders cannot be locked: what is left there is never swept.
+    """
+    if sys.platform == "win32":
+        return -1
+    import fcntl
+
+    try:
+        handle = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+    except FileNotFoundError:
+        return None
+    except OSError:
+        return -1
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if os.path.samestat(os.fstat(handle), path.lstat()):
+            return handle
+    except (BlockingIOError, FileNotFoundError):
+        pass
+    except OSError:
+        os.close(handle)
+        return -1
+    os.close(handle)
+    return None
 
 
 def _sweep(parent: Path, prefix: str) -> None:
     """Remove what killed runs of this user have left in a folder."""
-    for path in parent.glob(f"{prefix}*"):
+    for path in parent.glob(f"{prefix}*") if sys.platform != "win32" else ():
         with suppress(OSError):
-            if hasattr(os, "getuid") and path.lstat().st_uid != os.getuid():
+            if not _NAME.fullmatch(path.name) or path.lstat().st_uid != os.getuid():
                 continue
-            if path.is_symlink() or not (path / _LOCK).is_file():
+            handle = _locked(path)
+            if handle is None or handle < 0:
                 continue
-            with (path / _LOCK).open("r+b") as file:
-                if file.read(1) and try_lock(file.fileno()):
-                    _finish(path)
-                    shutil.rmtree(path, ignore_errors=True)
+            try:
+                _finish(path)
+                shutil.rmtree(path, ignore_errors=True)
+            finally:
+                os.close(handle)
 
 
 def _finish(working: Path) -> None:
@@ -253,8 +284,9 @@ def _finish(working: Path) -> None:
 def _turn(folder: Path) -> Iterator[None]:
     """Let one run at a time move files in a folder, as far as its file system knows locks."""
     handle = -1
-    with suppress(OSError):  # Windows opens no folders
-        handle = os.open(folder, os.O_RDONLY)
+    if not _NAME.fullmatch(folder.name):  # a working folder is locked as it is
+        with suppress(OSError):  # Windows opens no folders
+            handle = os.open(folder, os.O_RDONLY)
     try:
         if handle >= 0 and not _locked_in_time(handle):
             raise OutputError(f"{folder}: another run writes into it; try again when it has ended")
@@ -278,19 +310,3 @@ def _locked_in_time(handle: int) -> bool:
         except OSError:  # there are no locks here
             return True
     return False
-
-
-def try_lock(handle: int) -> bool:
-    """Lock an open file unless another process has; the system lets go when a process dies."""
-    try:
-        if sys.platform == "win32":
-            import msvcrt
-
-            msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
-        else:
-            import fcntl
-
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        return False
-    return True

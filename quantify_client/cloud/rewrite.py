@@ -12,13 +12,13 @@ are not kept.
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Callable, Dict, Iterator, List, Optional, Sequence, Tuple
 
 from ..crs import as_wkt
 from ..errors import CloudError, OutputError
+from ..small_files import real_path
 from ..types import Bounds
 from ..writing import put_in_place, require_replaceable, staging
 from . import SUFFIXES, refuse_impostor
@@ -112,7 +112,7 @@ def rewrite_cloud(
     with explaining(out):
         require_replaceable(out, inputs)
     plan, places, warnings = _plan(sources, out, move, bounds, wkt)
-    real = _real(out)
+    real = real_path(out)
     with explaining(out), staging(real.parent) as working:
         box = _write(working / real.name, out, sources, places, plan, move, progress)
         written = RewriteReport(plan.count, out, box, warnings)
@@ -153,14 +153,9 @@ def require_rewritable(paths: Sequence[Path], out: Path) -> None:
     with explaining(out):
         if out.exists() and not out.is_file():
             raise OutputError(f"{out}: is not a file; give the name of a file to write")
-        if not _real(out).parent.is_dir():
+        if not real_path(out).parent.is_dir():
             raise OutputError(f"{out}: its folder does not exist; make it or give another name")
         require_replaceable(out, list(paths))
-
-
-def _real(out: Path) -> Path:
-    """Follow links: where the file is to be is where the room for it is."""
-    return Path(os.path.realpath(out))
 
 
 def _open(paths: Sequence[Path]) -> List[PointSource]:

@@ -20,6 +20,7 @@ from ..pipeline.sending import ControlPlan, plan_control
 from ..report import require_writable
 from ..report.words import printable
 from ..sfm.access import Access
+from ..small_files import real_path
 from ..types import Options
 from ..writing import scratch
 from .access import access_of, node_token
@@ -153,7 +154,7 @@ def _checked_options(given: argparse.Namespace) -> Dict[str, Any]:
     require_writable(given.out / _REPORT, inputs_of(given))
     for name in _FILES:
         if options[name] is not None:
-            options[name] = str(Path(options[name]).resolve())
+            options[name] = str(real_path(options[name]))
     return options
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 from pathlib import Path
 from typing import Any, Mapping, Sequence
 
@@ -20,6 +19,7 @@ from ..report import (
     write_scale_page,
 )
 from ..report.words import printable
+from ..small_files import real_path
 from ..types import Scaled
 from ..writing import require_replaceable
 from .access import access_of
@@ -77,7 +77,7 @@ def _document(scaled: Scaled) -> Mapping[str, Any]:
 def _page(out: Path) -> Path:
     """Where the page goes: beside the cloud itself, also where that is given by a link."""
     stem = out.name[: -len(out.suffix)] if out.suffix else out.name
-    real = Path(os.path.realpath(out)) if out.is_symlink() else out
+    real = real_path(out) if out.is_symlink() else out
     return real.with_name(f"{stem}-report.html")
 
 

@@ -15,6 +15,7 @@ from ..sfm.node import split_token
 from ..sfm.patience import Patience
 from ..sfm.photos import PhotoSummary, check_photos
 from ..sfm.presets import MINIMAL_OUTPUTS, choose_options
+from ..small_files import real_path
 from .events import JobEvent, Report, silent
 from .journal import (
     ARCHIVE,
@@ -168,7 +169,7 @@ def create_job(plan: Plan, folder: Path, then: Optional[Mapping[str, Any]] = Non
             options=dict(plan.options),
             outputs=plan.outputs,
             files=tuple(files),
-            ca=str(plan.ca.resolve()) if plan.ca else None,
+            ca=str(real_path(plan.ca)) if plan.ca else None,
             insecure=plan.insecure,
             then=dict(then or {}),
             kind=NODE if plan.project is None else WEBODM,

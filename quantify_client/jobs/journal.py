@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import os
 import shlex
+import sys
 import threading
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field, replace
@@ -17,7 +18,6 @@ from pathlib import Path
 from typing import Any, Dict, Iterator, Mapping, Optional, Sequence, Set, Tuple
 
 from ..errors import JobError, OutputError
-from ..writing import try_lock
 
 __all__ = ["NODE", "WEBODM", "Job", "SentFile", "SentLog", "load", "locked", "resuming", "save"]
 
@@ -241,9 +241,24 @@ def locked(folder: Path) -> Iterator[None]:
             f"{folder}: cannot be written ({error.strerror or error}); mend that, then resume"
         ) from error
     with file:
-        if not try_lock(file.fileno()):
+        if not _lock(file.fileno()):
             raise JobError(f"{folder}: another process drives this job; wait for it, or end it")
         yield
+
+
+def _lock(handle: int) -> bool:
+    try:
+        if sys.platform == "win32":
+            import msvcrt
+
+            msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
+        else:
+            import fcntl
+
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
 
 
 def _sync_folder(folder: Path) -> None:

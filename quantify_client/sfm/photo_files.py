@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import mmap
 import struct
 from pathlib import Path
 from typing import BinaryIO, Dict, List, Optional, Tuple
@@ -14,6 +13,7 @@ _CUT = "is truncated: copy it again from the camera"
 _STRIPS = ((273, 279), (324, 325))  # where strips and tiles begin, and how long they are
 _SUB_IFDS = 330  # where a DNG has its full picture
 _WIDTHS = {1: 1, 3: 2, 4: 4, 13: 4}  # bytes of the types that offsets and counts come in
+_BLOCK = 1 << 20
 _MOST_IFDS = 64
 _MOST_VALUES = 1 << 20
 
@@ -33,35 +33,49 @@ def kind_of(path: Path) -> Optional[str]:
 
 def truncation(path: Path, kind: str) -> Optional[str]:
     """Say that a picture's end is missing; None when it is there."""
-    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+    # Read, not mapped into memory: a file that shrinks meanwhile would end the process.
+    with path.open("rb") as file:
         if kind == "JPEG":
-            whole = _jpeg_is_whole(data)
+            whole = _jpeg_is_whole(file)
         elif kind == "PNG":
-            whole = data.rfind(b"IEND\xaeB`\x82") > 0  # its checksum never changes
+            whole = _follows(file, b"IEND\xaeB`\x82")  # its checksum never changes
         else:
-            whole = _tiff_is_whole(file, len(data))
+            whole = _tiff_is_whole(file, file.seek(0, 2))
     return None if whole else _CUT
 
 
-def _jpeg_is_whole(data: mmap.mmap) -> bool:
+def _follows(file: BinaryIO, mark: bytes) -> bool:
+    """Whether some bytes come anywhere after the place that a file has been read to."""
+    end = b""
+    while True:
+        block = file.read(_BLOCK)
+        if mark in end + block:
+            return True
+        if not block:
+            return False
+        end = block[1 - len(mark) :]
+
+
+def _jpeg_is_whole(file: BinaryIO) -> bool:
     """Whether an end marker follows the picture's data, in which it cannot occur.
 
     A thumbnail has one too, but lies in a segment before the data; cameras add more after it.
     """
     place = 2
-    while place + 4 <= len(data):
-        if data[place] != 0xFF:
+    while True:
+        file.seek(place)
+        head = file.read(4)
+        if len(head) < 4 or head[0] != 0xFF:
             return False
-        marker = data[place + 1]
+        marker = head[1]
         if marker == 0xFF:  # padding
             place += 1
         elif marker == 0xDA:
-            return data.find(b"\xff\xd9", place + 4) >= 0
+            return _follows(file, b"\xff\xd9")
         elif marker == 0x01 or 0xD0 <= marker <= 0xD8:  # segments without a length
             place += 2
         else:
-            place += 2 + struct.unpack(">H", data[place + 2 : place + 4])[0]
-    return False
+            place += 2 + struct.unpack(">H", head[2:])[0]
 
 
 def _tiff_is_whole(file: BinaryIO, size: int) -> bool:

@@ -15,6 +15,7 @@ from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 from PIL import Image
 
 from ..errors import InputError
+from ..small_files import real_path
 from .photo_files import KINDS, kind_of, truncation
 from .redaction import plain
 
@@ -114,7 +115,7 @@ def _expanded(paths: Sequence[Path]) -> Tuple[List[Path], List[Path]]:
     ignored: List[Path] = []
     for path in paths:
         if not path.is_dir():
-            files.setdefault(path.resolve(), path)
+            files.setdefault(real_path(path), path)
             continue
         try:
             inside = sorted(item for item in path.iterdir() if not item.name.startswith("."))
@@ -122,7 +123,7 @@ def _expanded(paths: Sequence[Path]) -> Tuple[List[Path], List[Path]]:
             raise InputError(f"{path}: cannot be listed ({error.strerror or error})") from error
         for item in inside:
             if item.suffix.lower() in SUFFIXES and not item.is_dir():
-                files.setdefault(item.resolve(), item)
+                files.setdefault(real_path(item), item)
             else:
                 ignored.append(item)
     return list(files.values()), ignored
