@@ -78,6 +78,8 @@ def _page(out: Path) -> Path:
     """Where the page goes: beside the cloud itself, also where that is given by a link."""
     stem = out.name[: -len(out.suffix)] if out.suffix else out.name
     real = real_path(out) if out.is_symlink() else out
+    if not real.name:
+        raise UsageError("--out names no file; give FILE.laz")
     return real.with_name(f"{stem}-report.html")
 
 

@@ -23,6 +23,7 @@ from .journal import (
     JOURNAL,
     NODE,
     READY,
+    SEED,
     WEBODM,
     Job,
     SentFile,
@@ -186,11 +187,13 @@ def require_free(folder: Path) -> None:
             f"{folder}: holds a job already; {resuming(folder)} goes on with it, another --out "
             "begins a new one"
         )
-    if (folder / ARCHIVE).exists():
-        raise JobError(
-            f"{folder}: holds an {ARCHIVE} already, which the job's would replace; give another "
-            "--out"
-        )
+    for name in (ARCHIVE, f"{ARCHIVE}.part", SEED, "sent-1.jsonl"):
+        if (folder / name).exists():
+            article = "an" if name.startswith("a") else "a"
+            raise JobError(
+                f"{folder}: holds {article} {name} already, which the job's would replace; give "
+                "another --out"
+            )
 
 
 def _kept_control(gcp: Path, folder: Path) -> SentFile:

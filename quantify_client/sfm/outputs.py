@@ -150,6 +150,8 @@ def _locate(given: str, stack: ExitStack, wanted: _Wanted) -> _Located:
         if not path.exists():
             raise CloudError(f"{path}: does not exist; check the path")
         is_folder = path.is_dir()
+        if not (is_folder or path.is_file()):  # a device or pipe might never end
+            raise CloudError(f"{path}: is not a file; check the path")
     if is_folder:
         found = find_cloud(path)
         inputs = tuple(_input(str(file), file) for file in found.paths)
