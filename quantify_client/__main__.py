@@ -5,20 +5,28 @@ Reading numpy, scipy and matplotlib takes a second, in which an interrupt is as 
 
 from __future__ import annotations
 
+import signal
 import sys
+
+from .process import Ending, ready_streams
 
 __all__ = ["main"]
 
 
 def main() -> int:
     """Run the command line and return its exit status."""
-    try:
-        from .cli import main as run
+    interrupted = 128 + int(signal.SIGINT)
+    with ready_streams(), Ending() as ending:
+        try:
+            from .cli import main as run
 
-        return run()
-    except KeyboardInterrupt:
-        print("quantify-client: error: interrupted", file=sys.stderr)
-        return 130
+            status = run()
+        except KeyboardInterrupt:
+            print("quantify-client: error: interrupted", file=sys.stderr)
+            status = interrupted
+    if status == interrupted and ending.number is not None:
+        return 128 + ending.number
+    return status
 
 
 if __name__ == "__main__":

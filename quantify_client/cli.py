@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
-import sys
 import traceback
 from pathlib import Path
 from typing import Optional, Sequence
@@ -26,17 +24,23 @@ from .arguments import (
 from .commands import measuring, scaling
 from .commands.shown import complain
 from .errors import QuantifyError, UsageError
+from .process import lost_output
 
 __all__ = ["main"]
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
     """Run the command line and return its exit status: 0, 1 (input), 2 (usage), 130 (Ctrl-C)."""
+    status = _run(arguments)
+    # What is left in the buffer may still meet a closed pipe or a full disk.
+    lost = lost_output()
+    return status if lost is None else max(status, _say_lost(lost))
+
+
+def _run(arguments: Optional[Sequence[str]]) -> int:
     try:
         given = _parser().parse_args(arguments)
         status: int = given.run(given)
-        # What is left in the buffer may still meet a closed pipe.
-        sys.stdout.flush()
     except SystemExit as end:  # argparse has said what is wrong, or has printed the help
         return int(end.code or 0)
     except UsageError as error:
@@ -45,17 +49,24 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
         return complain(error, 1)
     except KeyboardInterrupt as stop:
         return complain(str(stop) or "interrupted; no file is half written", 130)
-    except BrokenPipeError:
-        # The reader (head, less) has gone: nobody is left to tell.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
     except MemoryError:
         return complain("there is not enough memory; measure fewer areas or a thinned cloud", 1)
     except OSError as error:
+        lost = lost_output()
+        if lost is not None:
+            return _say_lost(lost)
         return complain(f"{error.filename or 'a file'}: {error.strerror or error}", 1)
     except Exception as fault:
         return complain(_as_bug(fault), 1)
     return status
+
+
+def _say_lost(error: OSError) -> int:
+    """Say that the output did not arrive, unless its reader (head, less) has gone."""
+    if isinstance(error, BrokenPipeError):
+        return 1
+    reason = error.strerror or error
+    return complain(f"stdout: cannot be written ({reason}); make room, or redirect it elsewhere", 1)
 
 
 def _as_bug(fault: Exception) -> str:

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import re
 import subprocess
 import sys
-import tempfile
 import zipfile
 from pathlib import Path
 from typing import Dict, List, Pattern, Tuple
 
 from .errors import OutputError
 from .version import VERSION_FILE, package_version
+from .writing import put_in_place, require_replaceable, scratch, staging
 
 __all__ = ["NAME", "build_plugin"]
 
@@ -59,14 +60,16 @@ def build_plugin(out: Path, *, offline: bool = False) -> Path:
     out = Path(out)
     name = f"{NAME}-offline.zip" if offline else f"{NAME}.zip"
     target = out if out.suffix == ".zip" else out / name
+    require_replaceable(target)
     entries = _entries()
     if offline:
         entries.update(_site_packages(entries["requirements.txt"]))
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        partial = target.with_name(f".{target.name}.part")
-        _write(partial, entries)
-        partial.replace(target)
+        with staging(target.parent, make=True) as working:
+            _write(working / target.name, entries)
+            put_in_place(working, [target.name])
+    except OutputError:
+        raise
     except OSError as error:
         raise OutputError(
             f"{target} cannot be written: {error.strerror or error}; give another --out"
@@ -135,13 +138,19 @@ def _site_packages(requirements: bytes) -> Entries:
     against the first.
     """
     wanted = _wanted(requirements.decode())
-    with tempfile.TemporaryDirectory() as folder:
+    with scratch() as folder:
+        target, own = folder / "site", folder / "own"
+        own.mkdir()
         command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-compile"]
         command += ["--disable-pip-version-check", "--only-binary", ":all:", *_TARGET]
         for platform in _PLATFORMS:
             command += ["--platform", platform]
         done = subprocess.run(  # noqa: S603 - our own arguments
-            [*command, "--target", folder, *wanted], capture_output=True, text=True, check=False
+            [*command, "--target", str(target), *wanted],
+            capture_output=True,
+            text=True,
+            check=False,
+            env={**os.environ, "TMPDIR": str(own)},  # pip cleans up nothing when it is killed
         )
         if done.returncode:
             last = (done.stderr.strip().splitlines() or ["pip said nothing"])[-1]
@@ -149,7 +158,7 @@ def _site_packages(requirements: bytes) -> Entries:
                 f"pip could not fetch the plugin's requirements ({last[:200]}); is there a network "
                 "connection? --online makes the zip that has WebODM fetch them"
             )
-        packages = _files(Path(folder), _COMPILED)
+        packages = _files(target, _COMPILED)
     # Commands are of no use there, and name the interpreter of this machine.
     kept = {n: data for n, data in packages.items() if not n.startswith("bin/")}
     kept["install_md5"] = hashlib.md5(requirements).hexdigest().encode()  # noqa: S324 - WebODM's mark

@@ -14,13 +14,13 @@ reader that opens files through such a library (GDAL, by pyogrio or rasterio):
 
 from __future__ import annotations
 
-import tempfile
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Iterator, Sequence, Type
 
 from .errors import InputError
-from .small_files import read_small
+from .small_files import read_small, real_path
+from .writing import scratch
 
 __all__ = ["private_copy", "require_signature"]
 
@@ -63,14 +63,14 @@ def private_copy(
     most : bytes of each of these.
     error : what is raised when one of them is not in the file's own folder.
     """
-    with tempfile.TemporaryDirectory(prefix="quantify-") as folder:
-        copy = Path(folder) / f"file{path.suffix.lower()}"
+    with scratch() as folder:
+        copy = folder / f"file{path.suffix.lower()}"
         copy.write_bytes(data)
         for ending in beside:
             companion = path.with_name(path.stem + ending)
             if not companion.is_file() or not companion.stat().st_size:
                 continue
-            if companion.resolve().parent != path.parent:
+            if real_path(companion).parent != path.parent:
                 raise error(
                     f"{companion.name} is a link to another folder; expected it beside "
                     f"{path.name}: copy it there"

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
-from typing import Optional, Type
+from typing import Optional, Type, Union
 
 from .errors import QuantifyError
 
-__all__ = ["read_small"]
+__all__ = ["read_small", "real_path"]
+
+
+def real_path(path: Union[str, Path]) -> Path:
+    """Return a path without links; of links that lead in a circle, as far as they can be followed.
+
+    ``Path.resolve`` raises a RuntimeError for such, before anybody can say what the file was for.
+    """
+    return Path(os.path.realpath(path))
 
 
 def read_small(

@@ -15,6 +15,7 @@ import shapely
 from .errors import AreaError, MissingExtraError
 from .geojson import MAX_BYTES, MAX_POLYGONS, MAX_VERTICES, Outline, check_file
 from .signatures import private_copy, require_signature
+from .small_files import real_path
 
 __all__ = ["VECTOR_SUFFIXES", "read_vector"]
 
@@ -50,7 +51,7 @@ def read_vector(path: Path) -> Tuple[List[Outline], List[str]]:
         When pyogrio is not installed.
     """
     data = check_file(path)
-    path = path.resolve()
+    path = real_path(path)
     try:
         import pyogrio
         from pyogrio.raw import read

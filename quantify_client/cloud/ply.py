@@ -1,11 +1,12 @@
-"""PLY: ascii and binary of both byte orders, read in place.
+"""PLY: ascii and binary of both byte orders.
 
-Binary points are looked at through a memory map of one chunk at a time, so that neither the file
-nor its pages stay in memory. PLY has no bounds in its header: opening reads the points once.
+Binary points are read, not mapped into memory: a file that shrinks meanwhile would end the process.
+PLY has no bounds in its header: opening reads the points once.
 """
 
 from __future__ import annotations
 
+from io import BufferedReader
 from pathlib import Path
 from typing import Any, Iterator, List, Optional, Tuple
 
@@ -19,6 +20,7 @@ from .ply_header import PlyHeader, read_header, vertex_offset
 
 _AGAIN = "expected a complete PLY file: copy, download or export it again"
 _CLASS = "classification"
+_BUFFER = 1 << 18  # bytes of rows at a time: they are taken apart in the processor's cache
 _LINES = 200_000  # rows of text held at a time; as strings they take ten times their numbers
 _COARSE = 0.01  # metres, or whatever the cloud's unit is: more rounding than this is said
 
@@ -70,16 +72,33 @@ class PlyCloud:
     def _binary(self, columns: List[int], size: int) -> Iterator[List[npt.NDArray[Any]]]:
         vertex = self._header.vertex
         row = vertex.dtype(self._header.order)
-        for start in range(0, vertex.count, size):
+        with naming(self._path, _AGAIN):
+            stream = self._path.open("rb")
+            stream.seek(self._offset)
+        with stream:
+            for start in range(0, vertex.count, size):
+                wanted = min(size, vertex.count - start)
+                out = [np.empty(wanted, row[f"f{column}"]) for column in columns]
+                done = 0
+                for rows in self._rows(stream, row, wanted):
+                    for column, values in zip(columns, out):
+                        values[done : done + len(rows)] = rows[f"f{column}"]
+                    done += len(rows)
+                if done < wanted:
+                    raise _short(self._path, vertex.count, start + done)
+                yield out
+
+    def _rows(
+        self, stream: BufferedReader, row: np.dtype[np.void], wanted: int
+    ) -> Iterator[npt.NDArray[np.void]]:
+        """Read rows bit by bit; fewer than wanted when the file has become shorter."""
+        buffer = np.empty(max(1, min(_BUFFER // row.itemsize, wanted)), row)
+        while wanted > 0:
+            part = buffer[:wanted]
             with naming(self._path, _AGAIN):
-                rows: npt.NDArray[np.void] = np.memmap(
-                    self._path,
-                    row,
-                    "r",
-                    self._offset + start * row.itemsize,
-                    (min(size, vertex.count - start),),
-                )
-            yield [rows[f"f{column}"] for column in columns]
+                held = stream.readinto(part.view(np.uint8).data) // row.itemsize
+            yield part[:held]
+            wanted = wanted - held if held == len(part) else 0
 
     def _ascii(self, columns: List[int], size: int) -> Iterator[List[npt.NDArray[Any]]]:
         vertex = self._header.vertex

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from ..errors import CloudError
 
 ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": ""}
+_BLOCK = 1 << 20  # bytes of rows at a time
 _TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),
     **dict.fromkeys(("uchar", "uint8"), "u1"),
@@ -185,11 +186,17 @@ def _even_lists(path: Path, element: Element, order: str, offset: int, size: int
         return None
     row = element.dtype(order, length)
     end = offset + element.count * row.itemsize
-    if end > size:
+    if end > size or row.itemsize > _BLOCK:
         return None
-    rows: npt.NDArray[np.void] = np.memmap(path, row, "r", offset, (element.count,))
     names = [name for name in row.names or () if name.startswith("length")]
-    return end if all((rows[name] == length).all() for name in names) else None
+    step = max(1, _BLOCK // row.itemsize)
+    with path.open("rb") as stream:
+        stream.seek(offset)
+        for start in range(0, element.count, step):
+            rows: npt.NDArray[np.void] = np.fromfile(stream, row, min(step, element.count - start))
+            if any((rows[name] != length).any() for name in names):
+                return None
+    return end
 
 
 def _walk(path: Path, element: Element, order: str, offset: int) -> int:
@@ -200,15 +207,16 @@ def _walk(path: Path, element: Element, order: str, offset: int) -> int:
         else (None, np.dtype(order + column.kind))
         for column in element.properties
     ]
-    data = np.memmap(path, np.uint8, "r")
-    for _ in range(element.count):
-        for length_kind, kind in kinds:
-            if length_kind is None:
-                offset += kind.itemsize
-                continue
-            raw = data[offset : offset + length_kind.itemsize]
-            if len(raw) < length_kind.itemsize:
-                return len(data) + 1
-            length = int(raw.view(length_kind)[0])
-            offset += length_kind.itemsize + max(length, 0) * kind.itemsize
-    return offset
+    with path.open("rb") as stream:
+        stream.seek(offset)
+        for _ in range(element.count):
+            for length_kind, kind in kinds:
+                if length_kind is None:
+                    stream.seek(kind.itemsize, 1)
+                    continue
+                raw = stream.read(length_kind.itemsize)
+                if len(raw) < length_kind.itemsize:
+                    return stream.tell() + 1  # beyond the end
+                length = int(np.frombuffer(raw, length_kind)[0])
+                stream.seek(max(length, 0) * kind.itemsize, 1)
+        return stream.tell()

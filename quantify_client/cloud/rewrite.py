@@ -12,15 +12,15 @@ are not kept.
 
 from __future__ import annotations
 
-import contextlib
-import secrets
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, Callable, Dict, Iterator, List, Optional, Sequence, Tuple
+from typing import Callable, Dict, Iterator, List, Optional, Sequence, Tuple
 
 from ..crs import as_wkt
 from ..errors import CloudError, OutputError
+from ..small_files import real_path
 from ..types import Bounds
+from ..writing import put_in_place, require_replaceable, staging
 from . import SUFFIXES, refuse_impostor
 from .base import naming
 from .rewrite_ept import BinaryTiles, read_ept
@@ -65,6 +65,9 @@ class RewriteReport:
     warnings: Tuple[str, ...] = ()
 
 
+Beside = Callable[[RewriteReport, Path], Sequence[str]]
+
+
 def rewrite_cloud(
     paths: Sequence[Path],
     out: Path,
@@ -72,18 +75,22 @@ def rewrite_cloud(
     bounds: Bounds,
     crs: Optional[str],
     progress: Optional[Callable[[str, float], None]] = None,
+    beside: Optional[Beside] = None,
 ) -> RewriteReport:
     """Write all points of a cloud, moved, with all their attributes.
 
     Parameters
     ----------
     paths : one file or several tiles of one survey; what `open_cloud` takes.
-    out : a .laz or .las file. It is there when it is complete; what was there is replaced then.
+    out : a .laz or .las file. It is there when it is complete; an earlier result of ours that was
+        there is replaced then.
     move : takes x, y, z as (N,) float64 in the files' coordinates, returns those to write. Called
         once for each chunk, in order, and before with a few places within the box.
     bounds : the box of the moved points, as well as it is known.
     crs : of the moved points, as WKT, PROJ string or ``EPSG:n``; None writes none.
     progress : called with a stage and the share done, from 0 to 1.
+    beside : called when the file is complete, with what was written and a folder; returns the names
+        of files that it has written there. They and the cloud appear together, or not at all.
 
     Raises
     ------
@@ -93,25 +100,45 @@ def rewrite_cloud(
     CrsError
         An unknown CRS.
     OutputError
-        `out` has another ending, is one of the inputs, or cannot be written; a moved point that is
-        so far outside of `bounds` that its coordinates cannot be written.
+        `out` has another ending, is one of the inputs or a file that is no result of ours, or
+        cannot be written; a moved point that is so far outside of `bounds` that its coordinates
+        cannot be written.
     """
     out = Path(out)
     require_rewritable(paths, out)
     wkt = as_wkt(crs) if crs is not None else None
     sources = _open(paths)
-    _require_elsewhere(_files(paths, sources), out)
+    inputs = _files(paths, sources)
+    with explaining(out):
+        require_replaceable(out, inputs)
     plan, places, warnings = _plan(sources, out, move, bounds, wkt)
-    with _placing(out) as stream:
+    real = real_path(out)
+    with explaining(out), staging(real.parent) as working:
+        box = _write(working / real.name, out, sources, places, plan, move, progress)
+        written = RewriteReport(plan.count, out, box, warnings)
+        put_in_place(working, [real.name, *(beside(written, working) if beside else ())], inputs)
+    return written
+
+
+def _write(
+    path: Path,
+    out: Path,
+    sources: Sequence[PointSource],
+    places: Sequence[Places],
+    plan: Plan,
+    move: Move,
+    progress: Optional[Callable[[str, float], None]],
+) -> Bounds:
+    """Write everything to `path`, which messages call `out`."""
+    with path.open("xb") as stream:
         writer = LasWriter(out, stream, plan)
         _stream(sources, places, plan.schema, move, writer, progress or (lambda stage, share: None))
         if writer.count != plan.count:
             raise CloudError(
-                f"{paths[0]}: {writer.count} points could be read, expected {plan.count}; give the "
-                "files when nothing writes to them"
+                f"{sources[0].path}: {writer.count} points could be read, expected {plan.count}; "
+                "give the files when nothing writes to them"
             )
-        box = writer.close()
-    return RewriteReport(writer.count, out, box, warnings)
+        return writer.close()
 
 
 def require_rewritable(paths: Sequence[Path], out: Path) -> None:
@@ -126,18 +153,9 @@ def require_rewritable(paths: Sequence[Path], out: Path) -> None:
     with explaining(out):
         if out.exists() and not out.is_file():
             raise OutputError(f"{out}: is not a file; give the name of a file to write")
-        if not out.resolve().parent.is_dir():
+        if not real_path(out).parent.is_dir():
             raise OutputError(f"{out}: its folder does not exist; make it or give another name")
-    _require_elsewhere([Path(path) for path in paths], out)
-
-
-def _require_elsewhere(inputs: Sequence[Path], out: Path) -> None:
-    with explaining(out):
-        if not out.exists():
-            return
-        for path in inputs:
-            if path.exists() and path.samefile(out):
-                raise OutputError(f"{out}: is the input itself; give another name to write to")
+        require_replaceable(out, list(paths))
 
 
 def _open(paths: Sequence[Path]) -> List[PointSource]:
@@ -235,21 +253,3 @@ def _stream(
             rows = conform(block.rows, source.schema, target, place)
             writer.write(rows, *move(block.x, block.y, block.z))
             progress("writing points", min(writer.count / total, 1.0))
-
-
-@contextlib.contextmanager
-def _placing(out: Path) -> Iterator[BinaryIO]:
-    """Open a hidden file beside `out`, and give it the name when all is written."""
-    with explaining(out):
-        real = out.resolve()
-        hidden = real.with_name(f".quantify-{secrets.token_hex(6)}{real.suffix}")
-        stream = hidden.open("xb")
-    try:
-        with stream:
-            yield stream
-        with explaining(out):
-            hidden.replace(real)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            hidden.unlink()
-        raise

@@ -8,6 +8,7 @@ from typing import Iterator, List, Optional, Sequence, Tuple
 
 from ..crs.projection import parse
 from ..errors import CloudError, CrsError
+from ..small_files import real_path
 from ..types import Bounds, Chunk, CloudInfo, Window
 from .base import DEFAULT_CHUNK, Cloud, gather, touches
 
@@ -45,7 +46,7 @@ def require_distinct(paths: Sequence[Path]) -> None:
     """Raise CloudError when a file is given twice: its points would count twice."""
     seen = set()
     for path in paths:
-        real = path.resolve()
+        real = real_path(path)
         if real in seen:
             raise CloudError(f"{path}: is given twice; give each tile once")
         seen.add(real)

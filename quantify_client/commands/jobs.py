@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import tempfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, Optional, Tuple
@@ -21,11 +20,13 @@ from ..pipeline.sending import ControlPlan, plan_control
 from ..report import require_writable
 from ..report.words import printable
 from ..sfm.access import Access
+from ..small_files import real_path
 from ..types import Options
+from ..writing import scratch
 from .access import access_of, node_token
 from .job_display import shown_job
 from .kept import FILES, REPORT, finished, kept_options, kept_units, require_own_files
-from .measuring import deliver, options_of
+from .measuring import deliver, inputs_of, options_of
 from .shown import complain, say, stages
 
 __all__ = ["resume", "submit"]
@@ -36,8 +37,8 @@ PACE = Pace()
 def submit(given: argparse.Namespace) -> int:
     """Check everything, send the photographs, wait, and measure what comes back."""
     options = _checked_options(given)
-    with tempfile.TemporaryDirectory(prefix="quantify-") as scratch:
-        plan, control = _plan(given, Path(scratch) / GCP_NAME)
+    with scratch() as folder:
+        plan, control = _plan(given, folder / GCP_NAME)
         if control is not None and not control.applied:
             _leave_out_control(options)
         lines = _said(plan, control, options)
@@ -80,6 +81,7 @@ def _go_on(folder: Path, given: argparse.Namespace, *, is_new: bool = False) -> 
         return _show_finished(folder, found, given)
     options = kept_options(folder, job)
     _refuse_link(folder / REPORT)
+    require_writable(folder / REPORT, [options.get(name) for name in FILES])
     with shown_job() as report:
         archive = run_job(
             folder,
@@ -151,10 +153,10 @@ def _checked_options(given: argparse.Namespace) -> Dict[str, Any]:
     if given.area is not None:
         require_polygons(given.area)
     require_free(given.out)
-    require_writable(given.out)
+    require_writable(given.out / REPORT, inputs_of(given))
     for name in FILES:
         if options[name] is not None:
-            options[name] = str(Path(options[name]).resolve())
+            options[name] = str(real_path(options[name]))
     return options
 
 

@@ -14,7 +14,7 @@ from ..choices import check_options
 from ..errors import InputError, JobError, UsageError
 from ..jobs.journal import ARCHIVE, DONE, JOURNAL, Job
 from ..jobs.own import is_own
-from ..small_files import read_small
+from ..small_files import read_small, real_path
 from ..types import Options
 
 __all__ = ["FILES", "REPORT", "finished", "kept_options", "kept_units", "require_own_files"]
@@ -89,8 +89,8 @@ def require_own_files(folder: Path, job: Job, options: Mapping[str, Any]) -> Non
     """Raise JobError for files to measure by that somebody else chose, outside their folder."""
     for name in () if is_own(job) else FILES:
         if options.get(name) is not None:
-            path = Path(options[name]).resolve()
-            if folder.resolve() not in path.parents:
+            path = real_path(options[name])
+            if real_path(folder) not in path.parents:
                 raise JobError(
                     f"{folder}: the result is in {folder / ARCHIVE}, and the journal of somebody "
                     f"else wants it measured by {path} (--{name}); if you want that, too, use "

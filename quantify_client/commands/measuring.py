@@ -6,7 +6,7 @@ import argparse
 import json
 from importlib import resources
 from pathlib import Path
-from typing import Any, Dict, Optional
+from typing import Any, Dict, List, Optional, Sequence, Union
 
 from rich.console import Console
 
@@ -23,12 +23,12 @@ from ..types import AreaFailure, Measurement
 from .access import access_of
 from .shown import complain, stages
 
-__all__ = ["deliver", "demo", "info", "options_of", "volume"]
+__all__ = ["deliver", "demo", "info", "inputs_of", "options_of", "volume"]
 
 
 def volume(given: argparse.Namespace) -> int:
     """Measure sources."""
-    _require_out(given)
+    _require_out(given, inputs_of(given))
     with stages() as progress:
         measurement = measure(
             *given.sources, progress=progress, access=access_of(given), **options_of(given)
@@ -74,10 +74,16 @@ def demo(given: argparse.Namespace) -> int:
     return deliver(measurement, given.out, given)
 
 
-def _require_out(given: argparse.Namespace) -> None:
+def inputs_of(given: argparse.Namespace) -> List[Union[str, Path, None]]:
+    """Return the files that a measurement reads."""
+    files = [given.area, given.gcp, *getattr(given, "sources", ())]
+    return [*files, given.ca, given.token_file]
+
+
+def _require_out(given: argparse.Namespace, inputs: Sequence[Union[str, Path, None]] = ()) -> None:
     """Find out before a long measurement, not after it, that the report has no place to go."""
     if given.out is not None:
-        require_writable(given.out)
+        require_writable(given.out, inputs)
 
 
 def deliver(measurement: Measurement, out: Optional[Path], given: argparse.Namespace) -> int:

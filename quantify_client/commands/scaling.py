@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
-from typing import Any, Mapping
+from typing import Any, Mapping, Sequence
 
 from rich.console import Console
 
@@ -16,10 +16,12 @@ from ..report import (
     print_control,
     print_scaling,
     scale_document,
-    write_scale_report,
+    write_scale_page,
 )
 from ..report.words import printable
+from ..small_files import real_path
 from ..types import Scaled
+from ..writing import require_replaceable
 from .access import access_of
 from .shown import stages
 
@@ -28,8 +30,18 @@ __all__ = ["gcp", "scale_cloud"]
 
 def scale_cloud(given: argparse.Namespace) -> int:
     """Make a cloud true to size, and write it and a page about it."""
-    page = None if given.out is None else given.out.with_name(f"{_stem(given.out)}-report.html")
+    page = None if given.out is None else _page(given.out)
+    if page is not None:
+        require_replaceable(page, [given.gcp, *given.sources])
     with stages() as progress:
+
+        def beside(scaled: Scaled, folder: Path) -> Sequence[str]:
+            name = _page(given.out).name
+            progress("drawing", 0.0)
+            _write_page(scaled, folder / name, given.units)
+            progress("drawing", 1.0)
+            return [name]
+
         scaled = scale(
             *given.sources,
             gcp=given.gcp,
@@ -38,11 +50,8 @@ def scale_cloud(given: argparse.Namespace) -> int:
             source_unit=given.source_unit,
             progress=progress,
             access=access_of(given),
+            beside=beside,
         )
-        if page is not None:
-            progress("drawing", 0.0)
-            _write_page(scaled, page, given.units)
-            progress("drawing", 1.0)
     if given.json:
         print(json.dumps(_document(scaled), indent=2, allow_nan=False))
         return 0
@@ -57,7 +66,7 @@ def scale_cloud(given: argparse.Namespace) -> int:
 
 def _write_page(scaled: Scaled, page: Path, units: str) -> None:
     about = scaled.scaling, scaled.source, scaled.provenance, scaled.warnings
-    write_scale_report(*about, page, units, out=scaled.out)
+    write_scale_page(*about, page, units, out=scaled.out)
 
 
 def _document(scaled: Scaled) -> Mapping[str, Any]:
@@ -65,8 +74,13 @@ def _document(scaled: Scaled) -> Mapping[str, Any]:
     return scale_document(*about, scaled.out)
 
 
-def _stem(path: Path) -> str:
-    return path.name[: -len(path.suffix)] if path.suffix else path.name
+def _page(out: Path) -> Path:
+    """Where the page goes: beside the cloud itself, also where that is given by a link."""
+    stem = out.name[: -len(out.suffix)] if out.suffix else out.name
+    real = real_path(out) if out.is_symlink() else out
+    if not real.name:
+        raise UsageError("--out names no file; give FILE.laz")
+    return real.with_name(f"{stem}-report.html")
 
 
 def gcp(given: argparse.Namespace) -> int:

@@ -15,6 +15,7 @@ from ..sfm.node import split_token
 from ..sfm.patience import Patience
 from ..sfm.photos import PhotoSummary, check_photos
 from ..sfm.presets import MINIMAL_OUTPUTS, choose_options
+from ..small_files import real_path
 from .events import JobEvent, Report, silent
 from .journal import (
     ARCHIVE,
@@ -22,6 +23,7 @@ from .journal import (
     JOURNAL,
     NODE,
     READY,
+    SEED,
     WEBODM,
     Job,
     SentFile,
@@ -131,7 +133,7 @@ def plan_job(
         notes = (*notes, "WebODM always packs everything into its all.zip.")
     return Plan(
         url=node.url,
-        name=name or photos.photos[0].path.resolve().parent.name or "quantify",
+        name=name or real_path(photos.photos[0].path).parent.name or "quantify",
         photos=photos,
         options=chosen,
         outputs=MINIMAL_OUTPUTS if minimal and not node.packs_all else (),
@@ -156,7 +158,7 @@ def create_job(plan: Plan, folder: Path, then: Optional[Mapping[str, Any]] = Non
     with locked(folder):
         require_free(folder)
         files = [
-            SentFile(photo.name, str(photo.path.resolve()), photo.size, photo.mtime_ns)
+            SentFile(photo.name, str(real_path(photo.path)), photo.size, photo.mtime_ns)
             for photo in plan.photos.photos
         ]
         if plan.gcp is not None:
@@ -184,11 +186,13 @@ def require_free(folder: Path) -> None:
             f"{folder}: holds a job already; {resuming(folder)} goes on with it, another --out "
             "begins a new one"
         )
-    if (folder / ARCHIVE).exists():
-        raise JobError(
-            f"{folder}: holds an {ARCHIVE} already, which the job's would replace; give another "
-            "--out"
-        )
+    for name in (ARCHIVE, f"{ARCHIVE}.part", SEED, "sent-1.jsonl"):
+        if (folder / name).exists():
+            article = "an" if name.startswith("a") else "a"
+            raise JobError(
+                f"{folder}: holds {article} {name} already, which the job's would replace; give "
+                "another --out"
+            )
 
 
 def _kept_control(gcp: Path, folder: Path) -> SentFile:
@@ -206,7 +210,7 @@ def _kept_control(gcp: Path, folder: Path) -> SentFile:
     except OSError as error:
         raise OutputError(f"{kept}: cannot be written ({error.strerror or error})") from error
     status = kept.stat()
-    return SentFile(GCP_NAME, str(kept.resolve()), status.st_size, status.st_mtime_ns)
+    return SentFile(GCP_NAME, str(real_path(kept)), status.st_size, status.st_mtime_ns)
 
 
 def _require_control(gcp: Path, photos: PhotoSummary) -> None:

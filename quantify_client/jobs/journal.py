@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, Dict, Iterator, Mapping, Optional, Sequence, Set, Tuple
 
 from ..errors import JobError, OutputError
-from ..small_files import read_small
+from ..small_files import read_small, real_path
 from .shape import require_shape
 
 __all__ = ["NODE", "WEBODM", "Job", "SentFile", "SentLog", "load", "locked", "resuming", "save"]
@@ -115,7 +115,7 @@ def load(folder: Path) -> Job:
 
 def _placed(file: SentFile, folder: Path) -> SentFile:
     """Look for our own copy of the control in the job's folder, wherever that has been moved to."""
-    return replace(file, path=str(folder.resolve() / GCP_NAME)) if file.name == GCP_NAME else file
+    return replace(file, path=str(real_path(folder) / GCP_NAME)) if file.name == GCP_NAME else file
 
 
 def resuming(folder: Path, *options: str) -> str:

@@ -20,7 +20,7 @@ from ..errors import InputError, JobError
 from ..sfm.addresses import origin
 from ..sfm.node import split_token
 from ..sfm.photo_files import kind_of
-from ..small_files import read_small
+from ..small_files import read_small, real_path
 from .journal import GCP_NAME, NODE, READY, UPLOADING, Job, SentFile
 
 __all__ = ["Confirmed", "Trust", "is_own", "keep_record", "records_folder", "trusted_with"]
@@ -74,7 +74,7 @@ class Trust:
             return None  # our copy in the job's folder, in which no name of ours is a link
         if kind_of(path) is None:
             return "is no photograph, so it is not sent; submit again into another folder"
-        real = path.resolve()
+        real = real_path(path)
         if self.is_own or any(real == place or place in real.parents for place in self.images):
             return None
         return (
@@ -103,9 +103,9 @@ def keep_record(job: Job, folder: Path, ca: Optional[Path] = None) -> None:
     record = {
         "schema": SCHEMA,
         "server": job.url,
-        "folder": str(folder.resolve()),
+        "folder": str(real_path(folder)),
         "journal": _digest(job),
-        "ca": str(ca.resolve()) if ca else None,
+        "ca": str(real_path(ca)) if ca else None,
     }
     place = records_folder()
     with suppress(OSError):
@@ -149,7 +149,7 @@ def trusted_with(folder: Path, job: Job, confirmed: Confirmed, *, anew: bool = F
     ca = confirmed.ca
     if record and record.get("ca") and ca is None and not confirmed.insecure:
         ca = Path(record["ca"])
-    images = tuple(Path(image).resolve() for image in confirmed.images)
+    images = tuple(real_path(image) for image in confirmed.images)
     return Trust(record is not None, images, ca, confirmed.insecure)
 
 

@@ -18,6 +18,7 @@ from ..scaler.network import Network
 from ..scaler.nouns import Control
 from ..scaler.survey import CloudPlace, build_network
 from ..types import ControlAccount, ControlledPoint, DirectHeight
+from ..writing import require_replaceable
 from .site import free_site, height_notes
 
 __all__ = ["convert_control"]
@@ -39,14 +40,20 @@ def convert_control(
 
     Parameters
     ----------
-    out : the gcp_list.txt to write; it appears complete or not at all.
+    out : the gcp_list.txt to write; it appears complete or not at all, and replaces nothing but an
+        earlier one that control does not come from.
 
     Raises
     ------
     ControlError
         The file cannot be read, or its elevations cannot be solved.
+    OutputError
+        `out` cannot be written there.
     """
     control = read_control(str(gcp))
+    target = Path("gcp_list.txt") if out is None else Path(out)
+    if to == "odm":
+        require_replaceable(target, [gcp, *control.named])
     places = {name: _own_place(control, name) for name in control.cloud}
     site = free_site(control, places)
     network, notes = build_network(control, site.local, site.level, places)
@@ -63,7 +70,6 @@ def convert_control(
             solved = _points(network, found, local, site.level)
             direct = tuple(found.direct)
             warnings += [*found.notes, *_remarks(control, found, solved)]
-            target = Path("gcp_list.txt") if out is None else Path(out)
             left_out = _write(control, solved, local, crs, target)
         except ControlError as error:
             raise ControlError(f"{control.label}: {error}") from error

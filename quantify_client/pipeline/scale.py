@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Optional, Tuple, Union
+from typing import Callable, Optional, Sequence, Tuple, Union
 
 from ..choices import check_options
 from ..cloud.rewrite import require_rewritable, rewrite_cloud
@@ -31,6 +31,7 @@ def scale(
     source_unit: Optional[str] = None,
     progress: Optional[Progress] = None,
     access: Optional[Access] = None,
+    beside: Optional[Callable[[Scaled, Path], Sequence[str]]] = None,
 ) -> Scaled:
     """Find the transform that makes a cloud true to size, and write the cloud through it.
 
@@ -38,10 +39,13 @@ def scale(
     ----------
     *sources : as for :func:`measure`.
     gcp : control file.
-    out : .laz or .las; None to only say what the transform is. The sources are never touched.
+    out : .laz or .las; None to only say what the transform is. The sources are never touched, and
+        nothing but an earlier result of ours is replaced.
     scale_mode : ``"auto"``, ``"scale"``, ``"shift"`` or ``"full"``.
     progress : called with the stage and the share done, from 0 to 1.
     access : as for :func:`measure`.
+    beside : called with the result when its cloud is complete, and with a folder; returns the names
+        of files that it has written there. They and the cloud appear together, or not at all.
 
     Raises
     ------
@@ -51,26 +55,38 @@ def scale(
     started, clock = datetime.now(timezone.utc), time.perf_counter()
     options = check_options(Options(gcp=gcp, scale_mode=scale_mode, source_unit=source_unit))
     report = progress or (lambda stage, share: None)
+    if out is not None:
+        require_rewritable([*map(Path, sources), Path(gcp)], Path(out))
     with open_source(list(sources), cameras=True, access=access, progress=report) as source:
         info = source.cloud.info
         frame = measuring_frame(info.crs, source_unit, info.bounds)
         if out is not None:
             require_rewritable(source.files, Path(out))
         placement = place_cloud(source, frame, options)
-        warnings = [*info.warnings, *placement.frame.warnings]
-        if out is not None:
-            warnings += _write(source, placement, Path(out), report)
-    seconds = time.perf_counter() - clock
-    return Scaled(
-        source=source.label,
-        scaling=placement.scaling,
-        out=None if out is None else str(out),
-        warnings=tuple(warnings),
-        provenance=provenance(source, options, started, seconds, only=_OPTIONS),
-    )
+
+        def result(more: Sequence[str] = ()) -> Scaled:
+            seconds = time.perf_counter() - clock
+            return Scaled(
+                source=source.label,
+                scaling=placement.scaling,
+                out=None if out is None else str(out),
+                warnings=(*info.warnings, *placement.frame.warnings, *more),
+                provenance=provenance(source, options, started, seconds, only=_OPTIONS),
+            )
+
+        if out is None:
+            return result()
+        return _write(source, placement, Path(out), report, result, beside)
 
 
-def _write(source: Source, placement: Placement, out: Path, report: Progress) -> Tuple[str, ...]:
+def _write(
+    source: Source,
+    placement: Placement,
+    out: Path,
+    report: Progress,
+    result: Callable[[Sequence[str]], Scaled],
+    beside: Optional[Callable[[Scaled, Path], Sequence[str]]],
+) -> Scaled:
     frame, info = placement.frame, source.cloud.info
 
     def move(
@@ -86,8 +102,9 @@ def _write(source: Source, placement: Placement, out: Path, report: Progress) ->
         _in_own_units(frame, placement.bounds),
         _crs(frame, info.crs),
         report,
+        beside and (lambda cloud, folder: beside(result(cloud.warnings), folder)),
     )
-    return tuple(written.warnings)
+    return result(written.warnings)
 
 
 def _in_own_units(frame: PlacedFrame, bounds: Bounds) -> Bounds:

@@ -57,7 +57,14 @@ def measure_areas(source: Source, frame: Frame, options: Options, report: Progre
     if areas:
         areas, streamed = _stream_areas(source, frame, areas, site, anchor, options, report)
         if streamed is None:
-            return measurement_of(source, frame, "terrain", None, [a for a in areas if isinstance(a, AreaFailure)], warnings)
+            return measurement_of(
+                source,
+                frame,
+                "terrain",
+                None,
+                [a for a in areas if isinstance(a, AreaFailure)],
+                warnings,
+            )
         site = Window.around(_places(areas))
     else:
         streamed, site = _stream_whole(source, frame, site, anchor, options, report)

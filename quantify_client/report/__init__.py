@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from .control_account import control_document, print_control
     from .jsonout import to_json
     from .scale_table import print_scaling
-    from .scale_write import write_scale_report
+    from .scale_write import write_scale_page, write_scale_report
     from .table import print_table
     from .write import require_writable, write_report
 
@@ -29,6 +29,7 @@ __all__ = [
     "scale_json",
     "to_json",
     "write_report",
+    "write_scale_page",
     "write_scale_report",
 ]
 
@@ -40,6 +41,7 @@ _ROOMS = {
     "require_writable": "write",
     "to_json": "jsonout",
     "write_report": "write",
+    "write_scale_page": "scale_write",
     "write_scale_report": "scale_write",
 }
 

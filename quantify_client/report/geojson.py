@@ -9,6 +9,7 @@ from shapely.geometry.polygon import orient
 
 from ..errors import CrsError
 from ..types import AreaFailure, AreaResult, Measurement
+from ..writing import GENERATOR
 from .flat import flat_properties
 from .jsonout import to_json
 
@@ -39,7 +40,7 @@ def to_geojson(measurement: Measurement) -> Dict[str, Any]:
     features = [
         _feature(result, row, frame, remark) for result, row in zip(measurement.results, rows)
     ]
-    collection: Dict[str, Any] = {"type": "FeatureCollection"}
+    collection: Dict[str, Any] = {"type": "FeatureCollection", "generator": GENERATOR}
     if remark:
         collection["coordinate_reference"] = remark
     return {**collection, "features": features}

@@ -6,13 +6,12 @@ import contextlib
 import json
 import os
 import re
-import shutil
-import tempfile
 from pathlib import Path
-from typing import Dict, Iterator, List, Optional, Union
+from typing import Dict, Iterator, List, Optional, Sequence, Union
 
 from ..errors import OutputError
 from ..types import AreaResult, Measurement
+from ..writing import is_ours, put_in_place, require_replaceable, staging
 from .csvout import write_slices
 from .geojson import to_geojson
 from .jsonout import to_json
@@ -21,9 +20,8 @@ from .words import printable, slug
 
 __all__ = ["require_writable", "write_report"]
 
-OUR_PICTURES = re.compile(r"(area-\d{2,}-[a-z0-9-]+|overview|scale)\.png")
-OUR_MARK = b"tEXtSoftware\x00quantify-client"  # as pictures.py has it put into each PNG
-HEAD_BYTES = 1024
+OUR_PICTURES = re.compile(r"(area-\d{2,}-[a-z0-9-]+|overview|scale)(-\d+)?\.png")
+FILES = ("report.json", "slices.csv", "areas.geojson", "report.html")
 
 
 def write_report(
@@ -32,7 +30,8 @@ def write_report(
     """Write report.json, slices.csv, areas.geojson, the pictures and report.html into a folder.
 
     What an earlier run left is replaced only when everything new exists. Pictures of ours that
-    this run has no use for are removed, files of others are left alone.
+    this run has no use for are removed. Files of others are left alone, and so is what was
+    measured: where one has the name of a file of the report, nothing is written.
 
     `out` is made when missing; `units` of what people read is ``"metric"`` or ``"us"``.
 
@@ -42,20 +41,36 @@ def write_report(
     """
     shown = display_units(measurement, units)
     out = Path(out)
-    with _explaining(out), _staging(out) as staging:
-        names = _write_all(measurement, staging, shown)
-        _put_in_place(staging, out, names)
+    with _explaining(out), staging(out, make=True) as working:
+        names = _write_all(measurement, working, shown)
+        put_in_place(working, names, _inputs(measurement), outdated=OUR_PICTURES)
     return [out / name for name in names]
 
 
-def require_writable(out: Path) -> None:
-    """Raise OutputError when no report could be written into a folder; leave nothing behind."""
+def require_writable(out: Path, inputs: Sequence[Union[str, Path, None]] = ()) -> None:
+    """Raise OutputError when no report could be written into a folder; leave nothing behind.
+
+    Parameters
+    ----------
+    inputs : files that are going to be read: no file of the report may replace one of them.
+    """
 
     class EnoughError(Exception):
         """Ends the staging as a failure does: folders that were made for it go away."""
 
-    with contextlib.suppress(EnoughError), _explaining(Path(out)), _staging(Path(out)):
+    out = Path(out)
+    with contextlib.suppress(EnoughError), _explaining(out), staging(out, make=True):
+        for name in FILES:
+            require_replaceable(out / name, inputs)
         raise EnoughError
+
+
+def _inputs(measurement: Measurement) -> List[str]:
+    """Return what was measured, as far as it was files."""
+    about = measurement.provenance
+    given = [about.get("options", {}).get(name) for name in ("area", "gcp")]
+    given += [item.get("path") for item in about.get("input", ())]
+    return [path for path in given if isinstance(path, str)]
 
 
 @contextlib.contextmanager
@@ -74,38 +89,17 @@ def _explaining(out: Path) -> Iterator[None]:
         ) from error
 
 
-@contextlib.contextmanager
-def _staging(out: Path) -> Iterator[Path]:
-    """Make a hidden folder in `out`: surely on the same disk, so that moving is renaming.
-
-    On failure the folders that were made for `out` go away again.
-    """
-    missing = [folder for folder in (out, *out.parents) if not folder.exists()]
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        staging = Path(tempfile.mkdtemp(prefix=".quantify-", dir=out))
-        try:
-            yield staging
-        finally:
-            shutil.rmtree(staging, ignore_errors=True)
-    except BaseException:
-        for folder in missing:
-            with contextlib.suppress(OSError):
-                folder.rmdir()
-        raise
-
-
-def _write_all(measurement: Measurement, staging: Path, units: Units) -> List[str]:
-    _write_json(staging / "report.json", to_json(measurement))
-    with (staging / "slices.csv").open("w", encoding="utf-8", newline="") as file:
+def _write_all(measurement: Measurement, working: Path, units: Units) -> List[str]:
+    _write_json(working / "report.json", to_json(measurement))
+    with (working / "slices.csv").open("w", encoding="utf-8", newline="") as file:
         write_slices(measurement, file)
-    _write_json(staging / "areas.geojson", to_geojson(measurement))
-    pictures = _draw_areas(measurement, staging, units)
-    overview = _draw_overview(measurement, staging, units)
-    scale = _draw_scale(measurement, staging, units)
+    _write_json(working / "areas.geojson", to_geojson(measurement))
+    pictures = _draw_areas(measurement, working, units)
+    overview = _draw_overview(measurement, working, units)
+    scale = _draw_scale(measurement, working, units)
     from .htmlout import render_html
 
-    with (staging / "report.html").open("w", encoding="utf-8") as file:
+    with (working / "report.html").open("w", encoding="utf-8") as file:
         file.writelines(render_html(measurement, units, pictures, overview, scale))
     drawn = [path for path in (scale, overview) if path is not None] + list(pictures.values())
     names = ["report.json", "slices.csv", "areas.geojson"]
@@ -117,86 +111,42 @@ def _write_json(path: Path, document: object) -> None:
     path.write_text(text + "\n", encoding="utf-8")
 
 
-def _draw_areas(measurement: Measurement, staging: Path, units: Units) -> Dict[int, Path]:
+def _draw_areas(measurement: Measurement, working: Path, units: Units) -> Dict[int, Path]:
     from .pictures import area_picture  # late: matplotlib is slow to load, and JSON needs none
 
     drawn = {}
     for index, result in enumerate(measurement.results):
         if isinstance(result, AreaResult):
-            path = staging / f"area-{index + 1:02d}-{slug(result.name)}.png"
+            path = _free(working, f"area-{index + 1:02d}-{slug(result.name)}")
             path.write_bytes(area_picture(result, measurement, units))
             drawn[index] = path
     return drawn
 
 
-def _draw_overview(measurement: Measurement, staging: Path, units: Units) -> Optional[Path]:
+def _draw_overview(measurement: Measurement, working: Path, units: Units) -> Optional[Path]:
     from .pictures import overview_picture
 
     png = overview_picture(measurement, units)
     if png is None:
         return None
-    path = staging / "overview.png"
+    path = _free(working, "overview")
     path.write_bytes(png)
     return path
 
 
-def _draw_scale(measurement: Measurement, staging: Path, units: Units) -> Optional[Path]:
+def _draw_scale(measurement: Measurement, working: Path, units: Units) -> Optional[Path]:
     if measurement.scale is None:
         return None
     from .scale_plan import scale_plan
 
-    path = staging / "scale.png"
+    path = _free(working, "scale")
     scale_plan(measurement.scale, path, ground_units(units))
     return path
 
 
-def _put_in_place(staging: Path, out: Path, names: List[str]) -> None:
-    """Rename all files into `out`; when one cannot be, put back what had been there."""
-    stale = [path for path in out.glob("*.png") if path.name not in names and _is_ours(path)]
-    blocked = [name for name in names if (out / name).is_dir()]
-    if blocked:
-        raise OutputError(
-            f"{printable(out / blocked[0])} is a folder; move it or give another --out."
-        )
-    kept = staging / "earlier"
-    kept.mkdir()
-    replaced: List[str] = []
-    try:
-        for name in names:
-            if (out / name).exists():
-                _keep(out / name, kept / name)
-            replaced.append(name)
-            (staging / name).replace(out / name)
-    except BaseException:
-        for name in replaced:
-            _put_back(kept / name, out / name, staging / name)
-        raise
-    for path in stale:
-        with contextlib.suppress(OSError):  # the new report is complete all the same
-            path.unlink()
-
-
-def _keep(path: Path, copy: Path) -> None:
-    """Give a file a second name, so that its first is never without content."""
-    try:
-        os.link(path, copy)
-    except OSError:  # a file system without hard links
-        shutil.copy2(path, copy)
-
-
-def _put_back(kept: Path, path: Path, unmoved: Path) -> None:
-    if kept.exists():
-        kept.replace(path)
-    elif not unmoved.exists():
-        path.unlink()
-
-
-def _is_ours(path: Path) -> bool:
-    """Return whether a PNG has one of our names and, inside, our mark."""
-    if not OUR_PICTURES.fullmatch(path.name):
-        return False
-    try:
-        with path.open("rb") as file:
-            return OUR_MARK in file.read(HEAD_BYTES)
-    except OSError:
-        return False
+def _free(working: Path, stem: str) -> Path:
+    """Return the path of a picture to be, under a name that no picture of somebody else has."""
+    names = (f"{stem}{more}.png" for more in ("", *(f"-{number}" for number in range(2, 1000))))
+    beside = working.parent
+    free = (n for n in names if not os.path.lexists(beside / n) or is_ours(beside / n))
+    return working / next(free)

@@ -166,6 +166,7 @@ def _control(path: Path, root: Node, source: Source) -> Control:
         cloud=cloud,
         picks=tuple(picks),
         warnings=(*source.notes, *_coarse([length for length, _ in lengths], source)),
+        named=tuple(source.named),
     )
 
 

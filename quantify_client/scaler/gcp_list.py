@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
-import uuid
 from pathlib import Path
 from typing import Dict, Mapping, Sequence, Tuple, Union
 
@@ -12,6 +10,7 @@ import numpy as np
 
 from ..crs import odm_header, plane_of
 from ..errors import ControlError, CrsError, OutputError
+from ..writing import GENERATOR, put_in_place, require_replaceable, staging
 from .files import shown
 from .gcp_rows import GcpRows
 from .nouns import Control, Pick
@@ -56,7 +55,8 @@ def write_gcp_list(
     """Write a gcp_list.txt for OpenDroneMap: one row for each pick of a point with coordinates.
 
     Blanks in names of points become ``_``, since columns end at blanks. The file appears complete
-    or not at all.
+    or not at all, and replaces nothing but an earlier one of ours, which its second line, a
+    comment, tells.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def write_gcp_list(
     written = _written(used, decimals)
     names = _names(used)
     rows = [_row(written[pick.name], pick, names[pick.name]) for pick in picks if pick.name in used]
-    _put(path, "\n".join([header, *rows]) + "\n")
+    _put(path, "\n".join([header, f"# {GENERATOR}", *rows]) + "\n")
     left_out = [name for name in coordinates if name not in seen]
     return [*left_out, *dict.fromkeys(pick.name for pick in picks if pick.name not in used)]
 
@@ -161,17 +161,11 @@ def _row(place: str, pick: Pick, name: str) -> str:
 
 def _put(path: Path, text: str) -> None:
     """Write a file beside its place and move it there."""
-    beside = path.with_name(f".gcp-{uuid.uuid4().hex}")
     try:
-        if path.is_dir():
-            raise OutputError(f"{shown(path)} is a folder; give the name of a file, gcp_list.txt")
-        try:
-            beside.write_bytes(text.encode("utf-8"))
-            beside.replace(path)
-        except BaseException:
-            with contextlib.suppress(OSError):
-                beside.unlink()
-            raise
+        require_replaceable(path)
+        with staging(path.parent) as working:
+            (working / path.name).write_bytes(text.encode("utf-8"))
+            put_in_place(working, [path.name])
     except OutputError:
         raise
     except (OSError, ValueError) as error:

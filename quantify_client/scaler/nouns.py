@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Mapping, Optional, Sequence, Tuple
 
 __all__ = ["CloudPosition", "Control", "ControlPoint", "Length", "Pick"]
@@ -87,6 +88,7 @@ class Control:
     lengths : slope distances and scale bars.
     picks : in photographs.
     warnings : what was assumed or left out, one line each.
+    named : the other files that the control file names.
     """
 
     label: str
@@ -97,3 +99,4 @@ class Control:
     cloud: Mapping[str, CloudPosition]
     picks: Sequence[Pick]
     warnings: Sequence[str] = field(default=())
+    named: Sequence[Path] = field(default=())

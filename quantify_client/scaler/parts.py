@@ -45,12 +45,14 @@ class Source:
     unit : of its lengths; None when it does not say.
     unit_m : metres in one of them.
     notes : what is assumed or left out; grows while reading.
+    named : the files that it names; grows likewise.
     """
 
     path: Path
     unit: Optional[str]
     unit_m: Optional[float]
     notes: List[str] = field(default_factory=list)
+    named: List[Path] = field(default_factory=list)
 
     @property
     def file(self) -> str:
@@ -71,7 +73,9 @@ class Source:
             raise ControlError(
                 f"{self.file}: {key} is {quoted(text)}: expected its entries, or the path of a file"
             )
-        return self.path.parent / text.strip()
+        found = self.path.parent / text.strip()
+        self.named.append(found)
+        return found
 
 
 def read_points(

@@ -53,6 +53,8 @@ def trusted(ca: Optional[Path], insecure: bool) -> Union[bool, str]:
     if ca is None:
         return os.environ.get("REQUESTS_CA_BUNDLE") or os.environ.get("CURL_CA_BUNDLE") or True
     try:
+        if not ca.is_file():  # a pipe might never end
+            raise ValueError("is not a file" if ca.exists() else "does not exist")
         ssl.create_default_context(cafile=str(ca))
     except (OSError, ValueError) as error:
         raise ServerError(

@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 import shutil
 import stat
-import tempfile
 import zipfile
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
@@ -18,6 +17,7 @@ from typing import Iterator, List, Optional, Sequence, Tuple
 from ..cloud import SUFFIXES, refuse_impostor
 from ..cloud.base import naming
 from ..errors import CloudError
+from ..writing import scratch
 from .layout import (
     CAMERA_BYTES,
     CAMERA_FILES,
@@ -50,8 +50,7 @@ def unpacked(path: Path, *, cameras: bool = False) -> Iterator[Path]:
         No zip, truncated, encrypted, hostile, too large for the disk, or without a cloud.
     """
     refuse_impostor(path)
-    with tempfile.TemporaryDirectory(prefix="quantify-") as name:
-        folder = Path(name).resolve()
+    with scratch() as folder:
         with naming(path, _AGAIN), _opened(path) as archive:
             members = archive.infolist()
             for member in members:

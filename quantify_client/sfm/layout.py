@@ -10,6 +10,7 @@ from typing import List, Optional, Tuple
 
 from ..cloud.base import naming
 from ..errors import CloudError
+from ..small_files import real_path
 from ..types import Bounds
 
 GEOREFERENCING, ENTWINE = "odm_georeferencing", "entwine_pointcloud"
@@ -69,8 +70,8 @@ def find_cloud(folder: Path) -> Found:
     """
     with naming(folder, "expected a folder that can be listed"):
         found = _in_project(folder)
-        if found is None and folder.resolve().name in (GEOREFERENCING, ENTWINE):
-            found = _in_project(folder.parent if folder.name else folder.resolve().parent)
+        if found is None and real_path(folder).name in (GEOREFERENCING, ENTWINE):
+            found = _in_project(folder.parent if folder.name else real_path(folder).parent)
         if found is None:
             found = _below(folder) or _as_tiles(folder)
     if found is None:
@@ -125,7 +126,7 @@ def _as_tiles(folder: Path) -> Optional[Found]:
 
 def belongs_to_odm(path: Path) -> bool:
     """Whether a single file is ODM's georeferenced model or its EPT, by its name or its folder."""
-    real = path.resolve()
+    real = real_path(path)
     return path.name in MODELS or GEOREFERENCING in real.parts or _is_entwine(real)
 
 
@@ -135,7 +136,7 @@ def _is_entwine(real: Path) -> bool:
 
 def project_of(path: Path) -> Optional[Path]:
     """Return the folder of the ODM project that a cloud's file is in; None where it is in none."""
-    folder = path.resolve().parent
+    folder = real_path(path).parent
     inner = (GEOREFERENCING, *(Path(name).parts[0] for name in _FALLBACKS))
     for parent in (folder.parent if folder.name in inner else folder, folder.parent.parent):
         if any((parent / name).is_file() for name in CAMERA_FILES):
@@ -151,7 +152,7 @@ def read_sidecar(cloud: Path) -> Optional[Sidecar]:
     """
     if not belongs_to_odm(cloud):
         return None
-    real = cloud.resolve()
+    real = real_path(cloud)
     folder = real.parent.parent / GEOREFERENCING if _is_entwine(real) else real.parent
     for name in SIDECARS:
         path = folder / name

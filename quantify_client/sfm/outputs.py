@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from pathlib import Path
@@ -12,6 +12,7 @@ from typing import Any, Callable, Iterator, List, Mapping, Optional, Sequence, T
 from ..cloud import DEFAULT_CHUNK, Cloud, Fetch, open_cloud
 from ..cloud.base import naming
 from ..errors import CloudError
+from ..small_files import real_path
 from ..types import Chunk, CloudInfo, Window
 from .access import Access
 from .archive import unpacked
@@ -42,7 +43,8 @@ class Source:
     label : what the user gave.
     stem : name of the result when there are no polygons.
     is_odm : whether OpenDroneMap made it.
-    inputs : per file its ``path``, ``size`` in bytes and ``mtime`` (ISO 8601, UTC).
+    inputs : per file its ``path``, ``size`` in bytes and ``mtime`` (ISO 8601, UTC; None outside the
+        years 1 to 9999).
     project : folder of the ODM project that it is in, where there is one; valid as the cloud is.
     files : the cloud's own files, as they can be opened.
     """
@@ -148,6 +150,8 @@ def _locate(given: str, stack: ExitStack, wanted: _Wanted) -> _Located:
         if not path.exists():
             raise CloudError(f"{path}: does not exist; check the path")
         is_folder = path.is_dir()
+        if not (is_folder or path.is_file()):  # a device or pipe might never end
+            raise CloudError(f"{path}: is not a file; check the path")
     if is_folder:
         found = find_cloud(path)
         inputs = tuple(_input(str(file), file) for file in found.paths)
@@ -194,8 +198,10 @@ def _locate_task(given: str, stack: ExitStack, wanted: _Wanted) -> _Located:
 def _input(given: str, path: Path) -> Mapping[str, Any]:
     with naming(path, "check the path"):
         status = path.stat()
-    changed = datetime.fromtimestamp(status.st_mtime, tz=timezone.utc)
-    return {"path": given, "size": status.st_size, "mtime": changed.isoformat()}
+    changed: Optional[str] = None
+    with suppress(ValueError, OverflowError, OSError):  # a time that no calendar has
+        changed = datetime.fromtimestamp(status.st_mtime, tz=timezone.utc).isoformat()
+    return {"path": given, "size": status.st_size, "mtime": changed}
 
 
 def _info(info: CloudInfo, located: Sequence[_Located], aliases: Aliases) -> CloudInfo:
@@ -257,13 +263,13 @@ def _common_stem(located: Sequence[_Located]) -> str:
         if located[0].stem:
             return located[0].stem
         return _stem(Path(given[0])) or "cloud"
-    parents = {Path(name).resolve().parent for name in given}
+    parents = {real_path(name).parent for name in given}
     return (parents.pop().name if len(parents) == 1 else _stem(Path(given[0]))) or "cloud"
 
 
 def _stem(path: Path) -> str:
     """The project's name for ODM's own file and folder names, else the file's."""
-    real = path.resolve()
+    real = real_path(path)
     if real.is_dir():
         return real.parent.name if real.name in _INNER else real.name
     stem = re.sub(r"\.copc$", "", real.stem, flags=re.IGNORECASE)

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Dict, Iterable, List, Mapping, Sequence, Tuple, Union
 
 from ..errors import InputError
+from ..small_files import real_path
 from .photo_files import KINDS, header, kind_of, truncation
 from .redaction import plain
 
@@ -121,7 +122,7 @@ def _expanded(paths: Sequence[Path]) -> Tuple[List[Path], List[Path]]:
     ignored: List[Path] = []
     for path in paths:
         if not path.is_dir():
-            files.setdefault(path.resolve(), path)
+            files.setdefault(real_path(path), path)
             continue
         try:
             inside = sorted(item for item in path.iterdir() if not item.name.startswith("."))
@@ -129,7 +130,7 @@ def _expanded(paths: Sequence[Path]) -> Tuple[List[Path], List[Path]]:
             raise InputError(f"{path}: cannot be listed ({error.strerror or error})") from error
         for item in inside:
             if item.suffix.lower() in SUFFIXES and not item.is_dir():
-                files.setdefault(item.resolve(), item)
+                files.setdefault(real_path(item), item)
             else:
                 ignored.append(item)
     return list(files.values()), ignored

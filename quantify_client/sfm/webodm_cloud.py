@@ -19,6 +19,7 @@ from urllib.parse import quote
 
 from ..cloud import Fetch
 from ..errors import CloudError, OutputError, ServerError
+from ..writing import scratch
 from .access import PASSWORD, USER, Access
 from .http import StatusError
 from .layout import (
@@ -104,8 +105,7 @@ def task_cloud(
     """
     address = task_address(url)
     server = WebODM(address.server, access, room="make room, or set TMPDIR to a larger disk")
-    with tempfile.TemporaryDirectory(prefix="quantify-") as name:
-        folder = Path(name).resolve()
+    with scratch() as folder:
         fetching = _Fetching(server, address, folder, progress)
         try:
             task = fetching.task()

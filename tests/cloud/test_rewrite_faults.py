@@ -40,7 +40,8 @@ def test_interruption_leaves_what_was_there(
 ) -> None:
     monkeypatch.setattr(rewrite, "_CHUNK", 1000)
     path, out = write_las(tmp_path / "a.laz", points(5000)), tmp_path / f"out.{ending}"
-    out.write_text("earlier")
+    earlier = b"LASF" + bytes(54) + b"quantify-client\0 earlier"
+    out.write_bytes(earlier)
     seen = []
 
     def fail(stage: str, share: float) -> None:
@@ -52,7 +53,7 @@ def test_interruption_leaves_what_was_there(
         rewrite_cloud([path], out, move, box(moved(points())), UTM, fail)
     assert seen == pytest.approx([0, 0.2, 0.4, 0.6])
     assert sorted(tmp_path.iterdir()) == [path, out]
-    assert out.read_text() == "earlier"
+    assert out.read_bytes() == earlier
 
 
 def test_interruption_in_the_midst_of_compressing_is_one(

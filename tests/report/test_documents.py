@@ -157,7 +157,7 @@ def test_geojson_is_wgs84_with_right_hand_rings(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(geojson, "_to_wgs84", shrink)
     frame: Any = SimpleNamespace(crs="EPSG:32615")
     collection = geojson.to_geojson(dataclasses.replace(surveys.everything(), frame=frame))
-    assert set(collection) == {"type", "features"}
+    assert set(collection) == {"type", "generator", "features"}
     outer, hole = collection["features"][0]["geometry"]["coordinates"]
     assert signed_area(outer) > 0 > signed_area(hole)
     assert outer[0] == outer[-1]

@@ -293,7 +293,8 @@ def test_the_budget_tells_what_scale_means() -> None:
 
 def test_a_failure_leaves_the_earlier_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "scale.html"
-    path.write_text("earlier")
+    write(scalings.least(), tmp_path)
+    earlier = path.read_bytes()
 
     def disk_full(*_args: Any, **_kwargs: Any) -> Any:
         raise OSError(28, "No space left on device")
@@ -302,7 +303,7 @@ def test_a_failure_leaves_the_earlier_page(tmp_path: Path, monkeypatch: pytest.M
     with pytest.raises(OutputError, match="No space left on device") as caught:
         write(scalings.least(), tmp_path)
     assert "\n" not in str(caught.value)
-    assert path.read_text() == "earlier"
+    assert path.read_bytes() == earlier
     assert [p.name for p in tmp_path.iterdir()] == ["scale.html"]
 
 

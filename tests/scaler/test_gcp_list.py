@@ -212,6 +212,7 @@ def test_what_is_written(tmp_path: Path) -> None:
     left_out = write_gcp_list(tmp_path / "gcp_list.txt", "EPSG:32611", PLACES, PICKS)
     assert (tmp_path / "gcp_list.txt").read_bytes().decode() == (
         "EPSG:32611\n"
+        "# quantify-client\n"
         "235281.0123 3811195.1449 12.5000 730.476818 1019.5 a.jpg A\n"
         "235277.6100 3811190.3600 0.0000 1.0 2.0 a.jpg B_2\n"
         "235281.0123 3811195.1449 12.5000 3.0 4.0 b.jpg A\n"
@@ -323,9 +324,10 @@ def test_what_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
 
 def test_list_that_was_there_is_replaced_or_kept(tmp_path: Path) -> None:
     path = tmp_path / "gcp_list.txt"
-    path.write_text("before")
+    write_gcp_list(path, "EPSG:32615", PLACES, PICKS)
+    before = path.read_text()
     with pytest.raises(ControlError):
         write_gcp_list(path, "EPSG:32611", {"A": (1e5, 4e6, 0)}, PICKS)
-    assert path.read_text() == "before"
+    assert path.read_text() == before
     write_gcp_list(path, "EPSG:32611", PLACES, PICKS)
     assert path.read_text().startswith("EPSG:32611\n")
