@@ -41,50 +41,53 @@ _MOST_OUTSIDE = 0.05
 def measure_object(source: Source, frame: Frame, options: Options, report: Progress) -> Measurement:
     """Measure the body whose surface the whole cloud is."""
     bounds = bounds_in_frame(source, frame)
-    middle = 0.5 * (bounds.min_z + bounds.max_z)
-    factor = ground_factor(source, frame, window_of(bounds), middle, options)
     level = placed_level(frame, options, options.floor, cloud_window(source, frame))
     options = replace(options, floor="auto" if level is None else level)
     method = options.method or ("polar" if options.center_caps else "section")
     run = _by_sections if method == "section" else _by_polar
-    result, left_out = run(source, frame, bounds, factor or 1.0, options, report)
+    result, left_out, factor = run(source, frame, bounds, options, report)
     results = [finish(result, left_out, options)]
     return measurement_of(source, frame, method, factor, results, ())
 
 
 def find_floor(source: Source, frame: Frame, report: Progress) -> Optional[Floor]:
     """Return what would be taken for ground; None where there is none."""
-    thinned, _, _ = _thinned(source, frame, bounds_in_frame(source, frame), 0, report)
+    thinned, *_ = _thinned(source, frame, bounds_in_frame(source, frame), 0, report)
     return floor_of(thinned)
+
+
+def _factor(source: Source, frame: Frame, bounds: Bounds, options: Options) -> Optional[float]:
+    middle = 0.5 * (bounds.min_z + bounds.max_z)
+    return ground_factor(source, frame, window_of(bounds), middle, options)
 
 
 def _by_sections(
     source: Source,
     frame: Frame,
     bounds: Bounds,
-    factor: float,
     options: Options,
     report: Progress,
-) -> Tuple[AreaResult, Mapping[str, int]]:
-    thinned, left_out, far = _thinned(source, frame, bounds, options.threads, report)
+) -> Tuple[AreaResult, Mapping[str, int], Optional[float]]:
+    thinned, left_out, far, bounds = _thinned(source, frame, bounds, options.threads, report)
+    factor = _factor(source, frame, bounds, options)
     recipe = SolidRecipe(
         slices=options.slices,
         slice_height=options.slice_height,
         hollow=options.hollow,
         max_gap=options.max_gap,
         floor=options.floor,
-        ground_factor=factor,
+        ground_factor=factor or 1.0,
     )
     report("finding the body", 0.0)
     result = measure_solid(source.stem, thinned, recipe)
     report("finding the body", 1.0)
-    return result, {**left_out, "far from all others": far}
+    return result, {**left_out, "far from all others": far}, factor
 
 
 def _thinned(
     source: Source, frame: Frame, bounds: Bounds, threads: int, report: Progress
-) -> Tuple[Thinned, Mapping[str, int], int]:
-    """Return centroids, and the counts of points left out and of those far from all others.
+) -> Tuple[Thinned, Mapping[str, int], int, Bounds]:
+    """Return centroids, the counts of points left out and of those far from all others, the box.
 
     One point a thousand kilometres away, and the finest cubes would be too large for all the
     others: the cloud is then read again, without it.
@@ -97,7 +100,8 @@ def _thinned(
         thinned = accumulator.thinned()
         inner_low, inner_high = _core(thinned, accumulator.grain)
         if np.max(inner_high - inner_low) >= _LEAST_CORE * np.max(high - low):
-            return thinned, left_out, accumulator.seen - accumulator.placed
+            far = accumulator.seen - accumulator.placed
+            return thinned, left_out, far, Bounds(*low.tolist(), *high.tolist())
         low, high = inner_low, inner_high
 
 
@@ -106,7 +110,7 @@ def _core(thinned: Thinned, grain: float) -> Tuple[FloatArray, FloatArray]:
 
     Parameters
     ----------
-    grain : how finely places are known, metres.
+    grain : edge of the cubes that the points were put into, metres.
     """
     if not len(thinned.points):
         raise CloudError(
@@ -122,7 +126,7 @@ def _core(thinned: Thinned, grain: float) -> Tuple[FloatArray, FloatArray]:
         ends = np.searchsorted(share, [outside, 1.0 - outside])
         corners.append(thinned.points[order[np.minimum(ends, len(order) - 1)], axis])
     low, high = np.array(corners).T
-    room = max(float(np.max(high - low)), 4.0 * grain, 1e-6)
+    room = max(float(np.max(high - low)), 2.0 * max(grain, thinned.edge), 1e-6)
     return low - room, high + room
 
 
@@ -130,18 +134,18 @@ def _by_polar(
     source: Source,
     frame: Frame,
     bounds: Bounds,
-    factor: float,
     options: Options,
     report: Progress,
-) -> Tuple[AreaResult, Mapping[str, int]]:
+) -> Tuple[AreaResult, Mapping[str, int], Optional[float]]:
+    factor = _factor(source, frame, bounds, options)
     x, y, z, left_out = gather(source.cloud, frame, report)
     recipe = BodyRecipe(
         slices=options.slices,
         slice_height=options.slice_height,
         center_caps=options.center_caps,
-        ground_factor=factor,
+        ground_factor=factor or 1.0,
     )
     report("slicing", 0.0)
     result = measure_body(source.stem, x, y, z, recipe)
     report("slicing", 1.0)
-    return result, left_out
+    return result, left_out, factor

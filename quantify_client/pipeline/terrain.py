@@ -35,6 +35,7 @@ __all__ = ["measure_areas"]
 
 #: A cloud whose core fills less than this share of its box is read again, in cells fit for it ...
 _LEAST_FILLED = 0.1
+_LEAST_FILLED_AGAIN = 0.5
 
 #: ... at most so often: each pass narrows the box by as many cells as it has, ten at the least, or
 #: ends the matter.
@@ -182,6 +183,7 @@ def _stream_whole(
     all the others: the cloud is then read again, in cells that fit its core.
     """
     threads = thread_count(options.threads)
+    least = _LEAST_FILLED
     for _ in range(_PASSES):
         streamed = accumulate(source.cloud, frame, [site], site, anchor, threads, report)
         if not streamed.accumulator.located:
@@ -191,9 +193,10 @@ def _stream_whole(
             )
         heights = streamed.accumulator.heights
         core = core_window(heights.voxels(), heights.grid)
-        if core is None or _extent(core) > _LEAST_FILLED * _extent(site):
+        if core is None or _extent(core) > least * _extent(site):
             break
-        site = core
+        # Found in large cells, its edges are theirs: half empty is then still too coarse.
+        site, least = core, _LEAST_FILLED_AGAIN
     return streamed, site
 
 

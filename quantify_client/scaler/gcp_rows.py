@@ -14,6 +14,7 @@ from typing import Iterator, List, NoReturn, Optional, Sequence, Tuple, Union
 
 from ..crs import Plane, plane_of
 from ..errors import ControlError, CrsError
+from ..types import MAX_COORDINATE
 from .entries import MAX_ELEVATION_M, clean_name, strict_number
 from .files import read_text, shown
 from .places import check_place

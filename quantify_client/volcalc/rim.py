@@ -10,7 +10,7 @@ import numpy.typing as npt
 import shapely
 from scipy import sparse
 from scipy.spatial import Delaunay, cKDTree
-from shapely.geometry import MultiPolygon, Polygon
+from shapely.geometry import LinearRing, Polygon
 
 from ..errors import SupportError
 from ..types import FloatArray, IntArray
@@ -38,6 +38,9 @@ _MAX_SPLITS = 12
 #: Points around an area, at most. A road of 10 km in cells of a decimetre has fewer; an outline
 #: that needs more goes to and fro within the same cells.
 MOST_POINTS = 250_000
+
+#: Of an outline with very many corners, bends of less than this share of a cell are left out.
+_FINEST = 0.05
 
 #: Rim points whose planes are fitted at a time: what bounds the memory.
 _AT_ONCE = 8_192
@@ -103,16 +106,23 @@ def sample_rim(parts: Sequence[Polygon], heights: CellHeights, fraction: FloatAr
     return Rim(x, y, weights @ z, np.concatenate(lengths), ring, weights, float(found.mean()))
 
 
-def require_plain_outline(geometry: Polygon | MultiPolygon, cell: float) -> None:
-    """Raise SupportError when an outline has more points, a cell apart, than can be looked at."""
-    needed = shapely.get_num_coordinates(geometry) + geometry.length / cell
+def require_plain_outline(parts: Sequence[Polygon], cell: float) -> None:
+    """Raise SupportError when outlines need more points, a cell apart, than can be looked at."""
+    length = sum(part.length for part in parts)
+    corners = sum(len(_plain(part, cell).coords) for part in parts)
+    needed = corners + length / cell
     if needed > MOST_POINTS:
         raise SupportError(
-            f"the outline is {geometry.length:.4g} m long and has "
-            f"{shapely.get_num_coordinates(geometry):,} corners, about {needed:,.0f} points in "
-            f"cells of {cell:g} m, and at most {MOST_POINTS:,} can be measured; simplify it, or "
-            "divide the area into several"
+            f"the outline is {length:.4g} m long with {corners:,} corners: it needs about "
+            f"{needed:,.0f} points in cells of {cell:g} m, and at most {MOST_POINTS:,} can be "
+            "measured; simplify it, or divide the area into several"
         )
+
+
+def _plain(polygon: Polygon, step: float) -> LinearRing:
+    """Return the outer ring; one with more corners than are needed, without the finest of them."""
+    ring = polygon.exterior
+    return ring if len(ring.coords) < MOST_POINTS / 2 else ring.simplify(_FINEST * step)
 
 
 def _dense_ring(polygon: Polygon, step: float) -> tuple[FloatArray, FloatArray]:
@@ -121,7 +131,7 @@ def _dense_ring(polygon: Polygon, step: float) -> tuple[FloatArray, FloatArray]:
     A Delaunay triangulation that has every segment as an edge is a constrained one.
     """
     origin = np.array(polygon.bounds[:2])
-    ring = shapely.segmentize(polygon.exterior, step)
+    ring = shapely.segmentize(_plain(polygon, step), step)
     points = shapely.get_coordinates(ring)[:-1] - origin
     points = points[np.any(points != np.roll(points, 1, axis=0), axis=1)]
     for _ in range(_MAX_SPLITS):

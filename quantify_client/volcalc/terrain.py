@@ -122,7 +122,8 @@ def _survey(
 ) -> _Ground:
     """Return the surface of an area: heights, gaps, rim and noise."""
     heights = cell_heights(voxels, grid, Window(*polygon.bounds))
-    require_plain_outline(polygon, heights.window.cell)
+    parts = polygons_of(polygon)
+    require_plain_outline(parts, heights.window.cell)
     fraction = cell_fractions(polygon, heights.window)
     if heights.window.cell == grid.cell:
         _require_fine(heights, fraction)
@@ -135,7 +136,6 @@ def _survey(
         )
     size = np.sqrt(fraction.sum())
     reach = max(_LEAST_REACH_CELLS, round(float(_REACH * size)))
-    parts = polygons_of(polygon)
     # The slopes of smoothed heights reach two cells further than the area.
     needed = ndimage.binary_dilation(fraction > 0, iterations=2)
     filled = fill_gaps(heights.z, reach, needed)

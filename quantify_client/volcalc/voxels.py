@@ -129,8 +129,8 @@ class VoxelAccumulator:
 
     @property
     def grain(self) -> float:
-        """How finely the places of points are kept, metres."""
-        return 1.0 / self._fine
+        """Edge of the cubes that are kept, metres: points nearer to each other may be one."""
+        return self.size / (1 << (_KEY_BITS - self._level))
 
     @property
     def placed(self) -> int:
