@@ -17,7 +17,7 @@ import numpy as np
 
 from ..errors import CloudError
 from ..types import Bounds
-from .base import naming
+from .base import MAX_COORDINATE, naming
 
 AGAIN = "expected a complete LAS 1.0-1.4 or LAZ file: copy, download or export it again"
 _HEADER_SIZES = {0: 227, 1: 227, 2: 227, 3: 235, 4: 375}
@@ -48,7 +48,7 @@ class LasLayout:
     def bounds(self) -> Optional[Bounds]:
         """The header's box, or None where it cannot be one."""
         low, high = np.asarray(self.header.mins), np.asarray(self.header.maxs)
-        if not (np.isfinite(low).all() and np.isfinite(high).all() and (low <= high).all()):
+        if not ((low >= -MAX_COORDINATE) & (low <= high) & (high <= MAX_COORDINATE)).all():
             return None
         return Bounds(*low.tolist(), *high.tolist())
 
@@ -152,13 +152,14 @@ def _evlr_wkt(path: Path, stream: BinaryIO, raw: _RawHeader, size: int) -> Optio
 
 
 def _check_scales(path: Path, header: Any) -> None:
-    """Every 32-bit integer must come out finite, so that no point needs a check of its own."""
+    """No 32-bit integer may come out beyond any map, so that no point needs a check of its own."""
     with np.errstate(over="ignore", invalid="ignore"):
         reach = np.abs(header.scales) * 2.0**31 + np.abs(header.offsets)
-    if not np.isfinite(reach).all() or not np.all(header.scales):
+    if not (reach <= MAX_COORDINATE).all() or not np.all(header.scales):
         raise CloudError(
             f"{path}: its header has scale {header.scales.tolist()} and offset "
-            f"{header.offsets.tolist()}; expected finite numbers and no scale 0: export it again"
+            f"{header.offsets.tolist()}; expected no scale 0, and coordinates of at most "
+            f"{MAX_COORDINATE:.0e}: export it again"
         )
 
 
