@@ -6,6 +6,7 @@ chunks. Nothing here knows a file format.
 
 from __future__ import annotations
 
+import math
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,17 +16,14 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import CloudError, QuantifyError
-from ..types import Bounds, Chunk, CloudInfo, FloatArray, Window
+from ..types import MAX_COORDINATE, Bounds, Chunk, CloudInfo, FloatArray, Window
 
 DEFAULT_CHUNK = 1_000_000
 """Points in a chunk: enough to hide the cost of Python, few enough to stay far below 100 MB."""
 
-MAX_COORDINATE = 1e10
-"""Beyond any map in millimetres; products of two coordinates stay exact enough."""
-
 NOISE = "noise class"
 WITHHELD = "withheld"
-FAR = "beyond any map"
+OFF_THE_MAP = "coordinate beyond any map"
 _NOISE_CLASSES = (7, 18)  # ASPRS: low point (noise) and high noise
 
 
@@ -71,9 +69,11 @@ def sort_out(
     z: FloatArray,
     classes: Optional[npt.NDArray[Any]] = None,
     withheld: Optional[npt.NDArray[np.bool_]] = None,
-    far: Optional[npt.NDArray[np.bool_]] = None,
 ) -> Chunk:
     """Make a chunk of what is to be measured, and count the rest.
+
+    Points with a coordinate that no place on the Earth has, in no unit, are left out: a box round
+    them would be of no use to the others.
 
     Parameters
     ----------
@@ -86,55 +86,39 @@ def sort_out(
     classes : (N,) uint8, optional
         ASPRS classes; 7 and 18 are left out.
     withheld : (N,) bool, optional
-        Points that their producer marked as not to be used.
-    far : (N,) bool, optional
-        Points of `far_points`. A point that is left out for several reasons counts for the first.
+        Points that their producer marked as not to be used. A withheld noise point counts as
+        noise.
     """
     noise = _IS_NOISE[classes] if classes is not None else None
-    reasons = {NOISE: noise, WITHHELD: withheld, FAR: far}
-    found = {reason: which for reason, which in reasons.items() if which is not None}
-    left_out: Dict[str, int] = {}
-    keep = np.ones(len(x), dtype=bool)
-    for reason, which in found.items():
-        count = np.count_nonzero(which) and np.count_nonzero(which & keep)
-        if count:
-            left_out[reason] = int(count)
-            keep &= ~which
-    return Chunk(x[keep], y[keep], z[keep], left_out) if left_out else Chunk(x, y, z)
+    on_map = _all_on_map(x, y, z)
+    if on_map and (noise is None or not noise.any()) and (withheld is None or not withheld.any()):
+        return Chunk(x, y, z)
+    if noise is None:
+        noise = np.zeros(len(x), dtype=bool)
+    held = np.zeros(len(x), dtype=bool) if withheld is None else withheld & ~noise
+    keep = ~(noise | held)
+    counts = {NOISE: int(noise.sum()), WITHHELD: int(held.sum())}
+    if not on_map:
+        off = keep & ~np.logical_and.reduce([np.abs(axis) <= MAX_COORDINATE for axis in (x, y, z)])
+        counts[OFF_THE_MAP] = int(off.sum())
+        keep &= ~off
+    left_out = {reason: count for reason, count in counts.items() if count}
+    return Chunk(x[keep], y[keep], z[keep], left_out)
 
 
-def far_points(x: FloatArray, y: FloatArray, z: FloatArray) -> Optional[npt.NDArray[np.bool_]]:
-    """(N,) True where a coordinate is beyond any map; None when none is. All are finite."""
-    if all(_within(values) for values in (x, y, z)):
-        return None
-    far: npt.NDArray[np.bool_] = np.abs([x, y, z]).max(axis=0) > MAX_COORDINATE
-    return far
-
-
-def _within(values: FloatArray) -> bool:
-    """False for NaN, too; without an array of its own."""
-    return not len(values) or bool(
-        values.min() >= -MAX_COORDINATE and values.max() <= MAX_COORDINATE
+def _all_on_map(*axes: FloatArray) -> bool:
+    return all(
+        not len(axis) or (axis.min() >= -MAX_COORDINATE and axis.max() <= MAX_COORDINATE)
+        for axis in axes
     )
-
-
-def require_places(path: Path, x: FloatArray, y: FloatArray, z: FloatArray, first: int) -> None:
-    """Raise CloudError when a coordinate is no number or beyond any map; see `require_finite`."""
-    require_finite(path, x, y, z, first)
-    far = far_points(x, y, z)
-    if far is not None:
-        at = int(np.argmax(far))
-        raise CloudError(
-            f"{path}: point {first + at + 1} of the file is at {x[at]:.3g}, {y[at]:.3g}, "
-            f"{z[at]:.3g}; expected coordinates of at most {MAX_COORDINATE:.0e}: remove such "
-            "points and write the file again"
-        )
 
 
 def require_finite(path: Path, x: FloatArray, y: FloatArray, z: FloatArray, first: int) -> None:
     """Raise CloudError when a coordinate is NaN or infinite; `first` is the points before these."""
-    if _within(x) and _within(y) and _within(z):
-        return
+    with np.errstate(invalid="ignore", over="ignore"):
+        # A sum is finite only if all its terms are: one fast pass for the usual case.
+        if math.isfinite(float(x.sum() + y.sum() + z.sum())):
+            return
     bad = ~(np.isfinite(x) & np.isfinite(y) & np.isfinite(z))
     count = int(bad.sum())
     if count:
@@ -143,6 +127,18 @@ def require_finite(path: Path, x: FloatArray, y: FloatArray, z: FloatArray, firs
         raise CloudError(
             f"{path}: {what} a coordinate that is NaN or infinite (the first is point {where} "
             "of the file); expected finite numbers: remove such points and write the file again"
+        )
+
+
+def require_places(path: Path, x: FloatArray, y: FloatArray, z: FloatArray, first: int) -> None:
+    """Raise CloudError when a coordinate is no number or beyond any map; see `require_finite`."""
+    require_finite(path, x, y, z, first)
+    if not _all_on_map(x, y, z):
+        at = int(np.argmax(np.abs([x, y, z]).max(axis=0)))
+        raise CloudError(
+            f"{path}: point {first + at + 1} of the file is at {x[at]:.3g}, {y[at]:.3g}, "
+            f"{z[at]:.3g}; expected coordinates of at most {MAX_COORDINATE:.0e}: remove such "
+            "points and write the file again"
         )
 
 

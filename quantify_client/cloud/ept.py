@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ..errors import CloudError
 from ..types import Chunk, CloudInfo, FloatArray, Window
-from .base import DEFAULT_CHUNK, far_points, gather, naming, require_finite, sort_out, touches
+from .base import DEFAULT_CHUNK, gather, naming, require_finite, sort_out, touches
 from .ept_index import AGAIN, EptIndex, Fetch, read_index
 from .las import read_points
 from .las_header import read_layout
@@ -81,7 +81,7 @@ def _read_binary(index: EptIndex, path: Path, count: int, size: int) -> Iterator
             rows: npt.NDArray[np.void] = np.fromfile(path, row, points, offset=start * row.itemsize)
             x, y, z = (_scaled(rows[axis], columns[axis]) for axis in ("X", "Y", "Z"))
         require_finite(path, x, y, z, start)
-        yield sort_out(x, y, z, _classes(rows), _withheld(rows), far_points(x, y, z))
+        yield sort_out(x, y, z, _classes(rows), _withheld(rows))
 
 
 def _kind(column: Mapping[str, Any]) -> str:

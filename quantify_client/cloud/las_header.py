@@ -15,8 +15,8 @@ import laspy
 import numpy as np
 
 from ..errors import CloudError
-from ..types import Bounds
-from .base import MAX_COORDINATE, naming
+from ..types import MAX_COORDINATE, Bounds
+from .base import naming
 from .laz_chunks import Chunks, read_chunks
 
 AGAIN = "expected a complete LAS 1.0-1.4 or LAZ file: copy, download or export it again"
@@ -44,7 +44,8 @@ class LasLayout:
     def bounds(self) -> Optional[Bounds]:
         """The header's box, or None where it cannot be one."""
         low, high = np.asarray(self.header.mins), np.asarray(self.header.maxs)
-        if not ((low >= -MAX_COORDINATE) & (low <= high) & (high <= MAX_COORDINATE)).all():
+        reach = np.abs([low, high])
+        if not ((reach <= MAX_COORDINATE).all() and (low <= high).all()):
             return None
         return Bounds(*low.tolist(), *high.tolist())
 

@@ -1,9 +1,9 @@
 """What a LAZ file says of its compressed chunks, held against its size before a decoder sees it.
 
-The decoder allocates what it is told: the table of chunks at the length that its head gives, a chunk
-for as many points as the table or the LASzip record says, and each layer of a chunk (from point
-format 6 on the fields are compressed apart, in layers) at the size at the chunk's start. A layer of
-4 GB costs a hostile file four bytes, and an allocation that fails ends the whole process.
+The decoder allocates what it is told: the table of chunks at the length that its head gives, a
+chunk for as many points as the table or the LASzip record says, and each layer of a chunk (from
+point format 6 on the fields are compressed apart, in layers) at the size at the chunk's start. A
+layer of 4 GB costs a hostile file four bytes, and an allocation that fails ends the whole process.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class Chunks:
         return _head(self.record)
 
     def check(self, head: bytes, length: int) -> None:
-        """Raise CloudError when a chunk of `length` bytes cannot hold the layers that it promises."""
+        """Raise CloudError when a chunk of `length` bytes cannot hold the layers it promises."""
         layers = _layers(self.record)
         if not layers or not length:
             return
@@ -139,7 +139,8 @@ def read_chunks(
     item_size = lazrs.LazVlr(record).item_size()
     if item_size != point:
         raise CloudError(
-            f"{path}: its header says {point} bytes a point, its LASzip record {item_size}; {_AGAIN}"
+            f"{path}: its header says {point} bytes a point, its LASzip record {item_size}; "
+            f"{_AGAIN}"
         )
     chunk_size = struct.unpack_from("<I", record, 12)[0]
     table = _table(path, stream, record, offset, count)

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from ..errors import CloudError
 from ..types import Bounds, Chunk, CloudInfo, FloatArray, Window
-from .base import DEFAULT_CHUNK, far_points, naming, require_finite, sort_out, survey
+from .base import DEFAULT_CHUNK, naming, require_finite, sort_out, survey
 from .lines import Lines
 from .ply_header import PlyHeader, read_header, vertex_offset
 
@@ -56,8 +56,7 @@ class PlyCloud:
                 x, y, z = (np.ascontiguousarray(v, dtype=np.float64) for v in values[:3])
             require_finite(self._path, x, y, z, done)
             done += len(x)
-            classes = values[3].astype(np.uint8) if classed else None
-            yield sort_out(x, y, z, classes, far=far_points(x, y, z))
+            yield sort_out(x, y, z, values[3].astype(np.uint8) if classed else None)
 
     def _has_classes(self) -> bool:
         index = self._header.columns.get(_CLASS)

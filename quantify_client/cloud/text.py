@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import CloudError
 from ..types import Chunk, CloudInfo, FloatArray, Window
-from .base import DEFAULT_CHUNK, far_points, naming, require_finite, sort_out, survey
+from .base import DEFAULT_CHUNK, naming, require_finite, sort_out, survey
 from .lines import MAX_LINE, Lines
 
 _AGAIN = "expected rows of x, y, z with decimal points, with or without a line naming the columns"
@@ -74,7 +74,7 @@ class TextCloud:
                 x, y, z = (np.ascontiguousarray(table[:, axis]) for axis in range(3))
                 require_finite(self._path, x, y, z, done)
                 done += len(x)
-                yield sort_out(x, y, z, _classes(table), far=far_points(x, y, z))
+                yield sort_out(x, y, z, _classes(table))
 
     def _parse(self, lines: List[str], number: int) -> FloatArray:
         """Rows of numbers; `number` is how many lines of the file come before these."""

@@ -7,7 +7,7 @@ Frozen dataclasses only. Lengths, areas and volumes are in metres unless a name 
 from __future__ import annotations
 
 from .arrays import FloatArray, IntArray
-from .cloud import Bounds, Chunk, CloudInfo, Window
+from .cloud import MAX_COORDINATE, Bounds, Chunk, CloudInfo, Window
 from .control import ControlAccount
 from .options import Options
 from .results import (
@@ -25,6 +25,7 @@ from .results import (
 from .scaling import ControlledPoint, DirectHeight, Matrix4, Scaled, ScaleObservation, Scaling
 
 __all__ = [
+    "MAX_COORDINATE",
     "AreaFailure",
     "AreaResult",
     "Bounds",

@@ -8,11 +8,16 @@ from typing import Mapping, Optional, Sequence
 from .arrays import FloatArray
 
 __all__ = [
+    "MAX_COORDINATE",
     "Bounds",
     "Chunk",
     "CloudInfo",
     "Window",
 ]
+
+#: Beyond any map in millimetres: no place on the Earth, in no unit. Up to here products of two
+#: coordinates, and differences of any two, stay exact enough.
+MAX_COORDINATE = 1e10
 
 
 @dataclass(frozen=True)
