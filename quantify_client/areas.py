@@ -23,6 +23,7 @@ from .crs import (
     cloud_geometry_to_frame,
     geometry_to_frame,
     is_geographic,
+    label,
     transfer_accuracy_m,
 )
 from .errors import AreaError, CrsError
@@ -179,7 +180,7 @@ def _check_crs(outlines: Sequence[Outline], frame: Frame, where: str) -> None:
             raise AreaError(f"{where}: {error}") from error
         if frame.cloud_crs is None:
             raise AreaError(
-                f"{where} is in {crs[:60]} but the cloud has no CRS: draw the polygons in the "
+                f"{where} is in {label(crs)} but the cloud has no CRS: draw the polygons in the "
                 "cloud's own coordinates and leave the file's CRS out, or give the cloud its CRS"
             )
 
@@ -202,8 +203,8 @@ def _implied_crs(
         return _WGS84
     cloud = None if bounds is None else _box(bounds)
     if cloud is None or any(_overlap(polygon.bounds, cloud) for polygon in loose):
-        label = frame.geographic_crs or frame.crs or ""
-        notes.append(f"{where} names no CRS: taken to be in the cloud's own ({label[:60]})")
+        own = label(frame.geographic_crs or frame.crs or "")
+        notes.append(f"{where} names no CRS: taken to be in the cloud's own ({own})")
         return None
     turned_crs = _WGS84 if _in_degrees(_turned(shapely.box(*extent)).bounds) else None
     hint = next(filter(None, (_swap_hint(p, turned_crs, frame, box) for p in loose)), "")
@@ -227,10 +228,14 @@ def _coarse(outlines: Sequence[Outline], implied: Optional[str], frame: Frame) -
         except CrsError:
             continue  # this polygon has failed already
         if not accuracy_m <= _COARSE_M:
-            known = "an unknown accuracy" if math.isnan(accuracy_m) else f"only {accuracy_m:g} m"
+            known = (
+                "an unknown accuracy: no way between their datums is known, or one is not named"
+                if math.isnan(accuracy_m)
+                else f"only {accuracy_m:g} m: their datums differ"
+            )
             notes.append(
-                f"polygons in {crs[:60]} are placed on the cloud ({(frame.crs or '')[:60]}) with "
-                f"{known}: their datums differ; draw them in the cloud's CRS if that matters"
+                f"polygons in {label(crs)} are placed on the cloud ({label(frame.crs or '')}) with "
+                f"{known}; draw them in the cloud's CRS if that matters"
             )
     return notes
 

@@ -8,7 +8,7 @@ from typing import Optional, Type, Union
 
 from .errors import QuantifyError
 
-__all__ = ["read_small", "real_path"]
+__all__ = ["count_values", "read_small", "real_path"]
 
 
 def real_path(path: Union[str, Path]) -> Path:
@@ -61,3 +61,8 @@ def read_small(
             f"{name} is a web page, not {what}; log in where it comes from and download the file"
         )
     return data
+
+
+def count_values(data: bytes) -> int:
+    """Count at least as many values as a JSON text holds, before it is read: `[],` is 70 bytes."""
+    return sum(map(data.count, (b",", b"[", b"{")))

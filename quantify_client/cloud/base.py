@@ -130,6 +130,18 @@ def require_finite(path: Path, x: FloatArray, y: FloatArray, z: FloatArray, firs
         )
 
 
+def require_places(path: Path, x: FloatArray, y: FloatArray, z: FloatArray, first: int) -> None:
+    """Raise CloudError when a coordinate is no number or beyond any map; see `require_finite`."""
+    require_finite(path, x, y, z, first)
+    if not _all_on_map(x, y, z):
+        at = int(np.argmax(np.abs([x, y, z]).max(axis=0)))
+        raise CloudError(
+            f"{path}: point {first + at + 1} of the file is at {x[at]:.3g}, {y[at]:.3g}, "
+            f"{z[at]:.3g}; expected coordinates of at most {MAX_COORDINATE:.0e}: remove such "
+            "points and write the file again"
+        )
+
+
 def gather(chunks: Iterable[Chunk], size: int) -> Iterator[Chunk]:
     """Join small chunks until `size` points are together, so that each costs its share only."""
     waiting: list[Chunk] = []

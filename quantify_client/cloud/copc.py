@@ -6,7 +6,7 @@ Without a window it is read like any other LAZ file.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, BinaryIO, Iterator, List, Optional, Set, Tuple
+from typing import Any, BinaryIO, Iterator, List, Optional, Tuple
 
 import lazrs
 import numpy as np
@@ -15,8 +15,9 @@ import numpy.typing as npt
 from ..errors import CloudError
 from ..types import Bounds, Chunk, Window
 from .base import DEFAULT_CHUNK, naming, touches
-from .las import SELECTION, LasCloud, decode, read_points
+from .las import MAX_BUFFER, SELECTION, LasCloud, decode, read_points
 from .las_header import AGAIN, LasLayout, read_layout
+from .laz_chunks import LARGEST_CHUNK
 
 Nodes = npt.NDArray[Any]
 _ENTRY: np.dtype[np.void] = np.dtype(
@@ -38,8 +39,19 @@ class CopcCloud(LasCloud):
 
 
 def is_copc(layout: LasLayout) -> bool:
-    """Whether a LAZ file has the octree's description."""
-    return bool(layout.laszip and layout.header.vlrs.get("CopcInfoVlr"))
+    """Whether a LAZ file has the octree's description, and the octree is around its points."""
+    if not (layout.chunks and layout.header.vlrs.get("CopcInfoVlr")):
+        return False
+    cube, points = _box(layout, np.zeros(4, np.int32)), layout.bounds
+    if points is None:
+        return True
+    # A cube elsewhere would lose points quietly: such a file is read from front to back.
+    rounding = 2 * max(np.abs(layout.header.scales))
+    return all(
+        getattr(cube, f"min_{axis}") <= getattr(points, f"min_{axis}") + rounding
+        and getattr(points, f"max_{axis}") - rounding <= getattr(cube, f"max_{axis}")
+        for axis in "xyz"
+    )
 
 
 def _read_window(layout: LasLayout, window: Window, size: int) -> Iterator[Chunk]:
@@ -50,7 +62,7 @@ def _read_window(layout: LasLayout, window: Window, size: int) -> Iterator[Chunk
             nodes = _index(layout, stream)
             nodes = nodes[[touches(_box(layout, node["key"]), window) for node in nodes]]
         nodes = nodes[np.argsort(nodes["offset"])]
-        for batch in _batches(nodes, size):
+        for batch in _batches(nodes, min(size, MAX_BUFFER // layout.record_length)):
             with naming(layout.path, AGAIN):
                 records = _decompress(layout, stream, batch)
             yield decode(layout, records)
@@ -61,13 +73,14 @@ def _index(layout: LasLayout, stream: BinaryIO) -> Nodes:
     info = layout.header.vlrs.get("CopcInfoVlr")[0]
     file_size = layout.path.stat().st_size
     waiting: List[Tuple[int, int]] = [(info.hierarchy_root_offset, info.hierarchy_root_size)]
-    seen: Set[int] = set()
+    read = 0
     found = []
     while waiting:
         offset, length = waiting.pop()
-        if offset in seen or length < 0 or offset + length > file_size:
+        read += max(length, _ENTRY.itemsize)
+        # Pages lie beside each other: more of them than the file can hold go round in a circle.
+        if read > file_size or length < 0 or offset + length > file_size:
             raise CloudError(f"{layout.path}: its COPC index contradicts itself; {AGAIN}")
-        seen.add(offset)
         stream.seek(offset)
         page = np.frombuffer(stream.read(length // _ENTRY.itemsize * _ENTRY.itemsize), _ENTRY)
         pages = page[page["points"] == -1]
@@ -75,8 +88,11 @@ def _index(layout: LasLayout, stream: BinaryIO) -> Nodes:
         found.append(page[page["points"] > 0])
     nodes: Nodes = np.concatenate(found)
     held = int(nodes["points"].sum(dtype=np.int64))
+    beyond = nodes["offset"] > file_size  # apart, for the sum could overflow
     ends = nodes["offset"] + np.maximum(nodes["bytes"], 0).astype(np.uint64)
-    if held != layout.count or (nodes["bytes"] <= 0).any() or (ends > file_size).any():
+    packed = int(nodes["bytes"].sum(dtype=np.int64))
+    damaged = (nodes["bytes"] <= 0).any() or (beyond | (ends > file_size)).any()
+    if held != layout.count or damaged or packed > file_size:
         raise CloudError(
             f"{layout.path}: its COPC index holds {held} points, its header promises "
             f"{layout.count}, or points beyond its end; {AGAIN}"
@@ -104,14 +120,22 @@ def _batches(nodes: Nodes, size: int) -> Iterator[Nodes]:
 
 
 def _decompress(layout: LasLayout, stream: BinaryIO, nodes: Nodes) -> npt.NDArray[np.uint8]:
+    chunks = layout.chunks
+    size = int(nodes["points"].sum(dtype=np.int64)) * layout.record_length
+    if chunks is None or size > LARGEST_CHUNK:
+        raise CloudError(
+            f"{layout.path}: a part of its COPC index claims {size >> 20} MB of points; expected "
+            f"at most {LARGEST_CHUNK >> 20} MB: write it again, in smaller parts"
+        )
     parts = []
     for offset, length in zip(nodes["offset"].tolist(), nodes["bytes"].tolist()):
         stream.seek(offset)
         parts.append(stream.read(length))
+        chunks.check(parts[-1][: chunks.head], length)
     table = list(zip(nodes["points"].tolist(), nodes["bytes"].tolist()))
-    records = np.empty(int(nodes["points"].sum()) * layout.record_length, dtype=np.uint8)
+    records = np.empty(size, dtype=np.uint8)
     lazrs.decompress_points_with_chunk_table(
-        b"".join(parts), layout.laszip, records, table, SELECTION.to_lazrs()
+        b"".join(parts), chunks.record, records, table, SELECTION.to_lazrs()
     )
     return records
 

@@ -89,9 +89,10 @@ def _kind(column: Mapping[str, Any]) -> str:
 
 
 def _scaled(values: npt.NDArray[Any], column: Mapping[str, Any]) -> FloatArray:
-    out = values.astype(np.float64)
-    out *= float(column.get("scale", 1.0))
-    out += float(column.get("offset", 0.0))
+    with np.errstate(over="ignore", invalid="ignore"):  # told where coordinates are checked
+        out = values.astype(np.float64)
+        out *= float(column.get("scale", 1.0))
+        out += float(column.get("offset", 0.0))
     return out
 
 

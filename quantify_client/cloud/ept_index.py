@@ -14,11 +14,13 @@ from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, Optional, Set, Tuple
 
 from ..errors import CloudError
+from ..small_files import count_values
 from ..types import MAX_COORDINATE, Bounds
 from .base import naming
 
 AGAIN = "expected a complete EPT set: copy or export the folder again"
 _MAX_JSON = 64 << 20  # bytes
+_MAX_VALUES = 3_000_000  # in one file, which is as many tiles as so many bytes hold
 _MAX_LEVEL = 60
 _MAX_TILES = 4_000_000  # a hundred billion points have half of that
 _MAX_PARTS = 20_000  # files of a hierarchy that is fetched
@@ -111,12 +113,28 @@ def read_index(source: Path, fetch: Optional[Fetch] = None) -> EptIndex:
             schema=tuple(about["schema"]),
             crs=_crs(about.get("srs")),
         )
+    _require_cube(index)
     held = sum(tiles.values())
     if held != index.count:
         raise CloudError(
             f"{source}: promises {index.count} points, its hierarchy holds {held}; {AGAIN}"
         )
     return index
+
+
+def _require_cube(index: EptIndex) -> None:
+    """Tiles are found by their place in the cube: one elsewhere would lose points quietly."""
+    for axis in "xyz":
+        low, high = (getattr(index.cube, f"{end}_{axis}") for end in ("min", "max"))
+        some = 1e-3 * (high - low)  # such boxes are often rounded
+        if (
+            getattr(index.conforming, f"min_{axis}") < low - some
+            or getattr(index.conforming, f"max_{axis}") > high + some
+        ):
+            raise CloudError(
+                f"{index.source}: its points reach beyond its cube (bounds and boundsConforming, "
+                f"in {axis}); {AGAIN}"
+            )
 
 
 def _inside(root: Path, name: str) -> Path:
@@ -133,7 +151,12 @@ def _json(path: Path) -> Dict[str, Any]:
             raise CloudError(
                 f"{path}: is larger than {_MAX_JSON >> 20} MB, which no EPT index is; {AGAIN}"
             )
-        content = json.loads(path.read_bytes())
+        data = path.read_bytes()
+        if count_values(data) > _MAX_VALUES:
+            raise CloudError(
+                f"{path}: holds more than {_MAX_VALUES} values, which no EPT index does; {AGAIN}"
+            )
+        content = json.loads(data)
     if not isinstance(content, dict):
         raise CloudError(f"{path}: holds no JSON object; {AGAIN}")
     return content
@@ -172,7 +195,7 @@ def _hierarchy(root: Path, promised: int, fetch: Optional[Fetch]) -> Dict[str, i
             elif count:
                 held += count
                 tiles[key] = count
-        if held > promised or len(tiles) > _MAX_TILES:
+        if held > promised or len(tiles) + len(waiting) > _MAX_TILES:
             raise CloudError(
                 f"{path}: brings the index to {len(tiles)} tiles with {held} points; ept.json "
                 f"promises {promised}, and {_MAX_TILES} tiles are read at most; {AGAIN}"

@@ -6,6 +6,7 @@ compressed field by field, so that the other fields are not even decompressed.
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from io import BufferedReader
 from pathlib import Path
 from typing import Any, Callable, Iterator, Optional, Tuple
@@ -20,6 +21,7 @@ from ..types import Chunk, CloudInfo, FloatArray, Window
 from .base import DEFAULT_CHUNK, naming, sort_out, survey
 from .las_crs import crs_of
 from .las_header import AGAIN, LasLayout
+from .laz_chunks import Watch
 
 Bytes = npt.NDArray[np.uint8]
 SELECTION = (
@@ -28,7 +30,7 @@ SELECTION = (
     | DecompressionSelection.CLASSIFICATION
     | DecompressionSelection.FLAGS
 )
-_MAX_BUFFER = 64 << 20  # bytes of raw records held at a time, however long a record is
+MAX_BUFFER = 64 << 20  # bytes of raw records held at a time, however long a record is
 _EXTENDED = 6  # first point format with the class and the flags in bytes of their own
 
 
@@ -70,14 +72,11 @@ def read_points(layout: LasLayout, size: int) -> Iterator[Chunk]:
     """
     if not layout.count:
         return
-    step = max(1, min(size, _MAX_BUFFER // layout.record_length, layout.count))
+    step = max(1, min(size, MAX_BUFFER // layout.record_length, layout.count))
     buffer = np.empty(step * layout.record_length, dtype=np.uint8)
-    with naming(layout.path, AGAIN):
-        stream = layout.path.open("rb")
-    with stream:
-        stream.seek(layout.offset)
+    with ExitStack() as stack:
         with naming(layout.path, AGAIN):
-            read = _source(layout, stream)
+            read = record_reader(layout, stack, SELECTION)
         for done in range(0, layout.count, step):
             points = min(step, layout.count - done)
             part = buffer[: points * layout.record_length]
@@ -87,14 +86,24 @@ def read_points(layout: LasLayout, size: int) -> Iterator[Chunk]:
             yield decode(layout, part)
 
 
-def _source(layout: LasLayout, stream: BufferedReader) -> Callable[[Bytes], None]:
-    """The function that fills a buffer with the next records."""
-    if layout.laszip is None:
+def record_reader(
+    layout: LasLayout, stack: ExitStack, selection: DecompressionSelection
+) -> Callable[[Bytes], None]:
+    """Return the function that fills a buffer with the next records; `stack` closes the file."""
+    stream = stack.enter_context(layout.path.open("rb"))
+    stream.seek(layout.offset)
+    chunks = layout.chunks
+    if chunks is None:
         return lambda part: _fill(layout.path, stream, part)
-    decompressor = lazrs.ParLasZipDecompressor if layout.parallel else lazrs.LasZipDecompressor
-    source = decompressor(stream, layout.laszip, SELECTION.to_lazrs())
-    decompress: Callable[[Bytes], None] = source.decompress_many
-    return decompress
+    watch = Watch(chunks, stack.enter_context(layout.path.open("rb")))
+    decompressor = lazrs.ParLasZipDecompressor if chunks.parallel else lazrs.LasZipDecompressor
+    source = decompressor(stream, chunks.record, selection.to_lazrs())
+
+    def read(part: Bytes) -> None:
+        watch.admit(len(part) // layout.record_length)
+        source.decompress_many(part)
+
+    return read
 
 
 def _fill(path: Path, stream: BufferedReader, part: Bytes) -> None:

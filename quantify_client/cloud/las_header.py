@@ -9,31 +9,28 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, List, Optional
+from typing import Any, BinaryIO, Optional
 
 import laspy
-import lazrs
 import numpy as np
 
 from ..errors import CloudError
 from ..types import MAX_COORDINATE, Bounds
 from .base import naming
+from .laz_chunks import Chunks, read_chunks
 
 AGAIN = "expected a complete LAS 1.0-1.4 or LAZ file: copy, download or export it again"
 _HEADER_SIZES = {0: 227, 1: 227, 2: 227, 3: 235, 4: 375}
 _VLR, _EVLR = 54, 60  # bytes of a record's own header
 _MAX_WKT = 1 << 20
-_CHUNKED = (2, 3)  # LASzip compressors that write a chunk table
-_VARIABLE = 0xFFFFFFFF
-_MAX_LAZ_CHUNK = 5_000_000  # the parallel decoder holds whole LAZ chunks; usual are 50,000
+_MOST_BEFORE = 256 << 20  # bytes of header and records before the points; some kB as a rule
 
 
 @dataclass(frozen=True)
 class LasLayout:
     """Where the points of a LAS or LAZ file are and how to read them.
 
-    ``laszip`` is the compressor's record, None for plain LAS. ``parallel`` is False for the few
-    files whose LAZ chunks are too large to be decoded side by side.
+    ``chunks`` is None for plain LAS, and for a file without points.
     """
 
     path: Path
@@ -41,8 +38,7 @@ class LasLayout:
     count: int
     offset: int
     record_length: int
-    laszip: Optional[bytes]
-    parallel: bool
+    chunks: Optional[Chunks]
 
     @property
     def bounds(self) -> Optional[Bounds]:
@@ -72,13 +68,9 @@ def read_layout(path: Path) -> LasLayout:
         if wkt is not None:
             header.evlrs = laspy.vlrs.vlrlist.VLRList([wkt])
         _check_scales(path, header)
-        laszip, parallel = None, True
-        if header.are_points_compressed and raw.count:
-            laszip = _laszip_record(path, header)
-            parallel = _check_chunk_table(stream, raw, laszip, size)
-        return LasLayout(
-            path, header, raw.count, raw.offset, header.point_format.size, laszip, parallel
-        )
+        compressed = header.are_points_compressed and raw.count
+        chunks = _chunks(path, stream, raw, header) if compressed else None
+        return LasLayout(path, header, raw.count, raw.offset, header.point_format.size, chunks)
 
 
 @dataclass(frozen=True)
@@ -117,6 +109,11 @@ class _RawHeader:
         """Raise when the file cannot hold what the header promises."""
         if self.offset > file_size:
             raise CloudError(f"{self.path}: is truncated before its first point; {AGAIN}")
+        if self.offset > _MOST_BEFORE:
+            raise CloudError(
+                f"{self.path}: has {self.offset >> 20} MB of records before its points, more than "
+                f"the {_MOST_BEFORE >> 20} MB that are read at most; {AGAIN}"
+            )
         room = self.offset - self.size
         if self.size < _HEADER_SIZES[self.minor] or self.vlrs * _VLR > max(room, 0):
             raise CloudError(f"{self.path}: its header contradicts itself; {AGAIN}")
@@ -153,77 +150,26 @@ def _evlr_wkt(path: Path, stream: BinaryIO, raw: _RawHeader, size: int) -> Optio
 
 
 def _check_scales(path: Path, header: Any) -> None:
-    """Every 32-bit integer must come out finite, so that no point needs a check of its own."""
+    """No 32-bit integer may come out beyond any map, so that no point needs a check of its own."""
     with np.errstate(over="ignore", invalid="ignore"):
         reach = np.abs(header.scales) * 2.0**31 + np.abs(header.offsets)
-    if not np.isfinite(reach).all() or not np.all(header.scales):
+    if not (reach <= MAX_COORDINATE).all() or not np.all(header.scales):
         raise CloudError(
             f"{path}: its header has scale {header.scales.tolist()} and offset "
-            f"{header.offsets.tolist()}; expected finite numbers and no scale 0: export it again"
+            f"{header.offsets.tolist()}; expected no scale 0, and coordinates of at most "
+            f"{MAX_COORDINATE:.0e}: export it again"
         )
 
 
-def _laszip_record(path: Path, header: Any) -> bytes:
+def _chunks(path: Path, stream: BinaryIO, raw: _RawHeader, header: Any) -> Chunks:
     records = header.vlrs.get("LasZipVlr")
     if not records:
         raise CloudError(f"{path}: is compressed but has no LASzip record; {AGAIN}")
-    record = bytes(records[0].record_data)
-    kind = struct.unpack_from("<H", record)[0] if len(record) >= 34 else None
-    if kind not in _CHUNKED:
-        raise CloudError(
-            f"{path}: uses LASzip compressor {kind}; expected 2 or 3: rewrite it with LASzip"
-        )
-    item_size = lazrs.LazVlr(record).item_size()
-    if item_size != header.point_format.size:
-        raise CloudError(
-            f"{path}: its header says {header.point_format.size} bytes a point, its LASzip "
-            f"record {item_size}; {AGAIN}"
-        )
-    return record
-
-
-def _check_chunk_table(stream: BinaryIO, raw: _RawHeader, laszip: bytes, size: int) -> bool:
-    """Hold the table at the end of a LAZ file against its header; True if chunks are small."""
-    chunk_size = struct.unpack_from("<I", laszip, 12)[0]
-    table = _chunk_table(stream, raw, laszip, size)
-    if chunk_size == _VARIABLE:
-        held = sum(points for points, _ in table)
-        largest = max((points for points, _ in table), default=0)
-    else:
-        held = len(table) * chunk_size
-        largest = chunk_size
-    if held < raw.count or (chunk_size == _VARIABLE and held != raw.count):
-        raise CloudError(
-            f"{raw.path}: its header promises {raw.count} points, its chunks hold "
-            f"{'at most ' if chunk_size != _VARIABLE else ''}{held}; {AGAIN}"
-        )
-    return bool(largest <= _MAX_LAZ_CHUNK)
-
-
-def _chunk_table(stream: BinaryIO, raw: _RawHeader, laszip: bytes, size: int) -> List[Any]:
-    truncated = CloudError(
-        f"{raw.path}: is truncated: it has no complete table of its compressed chunks; {AGAIN}"
+    return read_chunks(
+        path,
+        stream,
+        bytes(records[0].record_data),
+        offset=raw.offset,
+        count=raw.count,
+        point=header.point_format.size,
     )
-    stream.seek(raw.offset)
-    position = _int64(stream.read(8))
-    if position == -1:  # written as a stream: the position is at the very end instead
-        stream.seek(max(size - 8, 0))
-        position = _int64(stream.read(8))
-    if position is None or position < raw.offset + 8 or position + 8 > size:
-        raise truncated
-    stream.seek(position + 4)
-    chunks = int.from_bytes(stream.read(4), "little")
-    if chunks > raw.count + 1:
-        # The table is allocated at this length, so it is checked before it is read.
-        raise CloudError(f"{raw.path}: claims {chunks} chunks for {raw.count} points; {AGAIN}")
-    if chunks > (position - raw.offset) // 8 + 1:
-        raise truncated
-    stream.seek(raw.offset)
-    table: List[Any] = lazrs.read_chunk_table(stream, lazrs.LazVlr(laszip))
-    if sum(length for _, length in table) > position - raw.offset:
-        raise truncated
-    return table
-
-
-def _int64(data: bytes) -> Optional[int]:
-    return int.from_bytes(data, "little", signed=True) if len(data) == 8 else None

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from io import BufferedReader
 from pathlib import Path
-from typing import Any, Iterator, List, Optional, Tuple
+from typing import Any, Iterator, List, Optional, TextIO, Tuple
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +16,7 @@ import numpy.typing as npt
 from ..errors import CloudError
 from ..types import Bounds, Chunk, CloudInfo, FloatArray, Window
 from .base import DEFAULT_CHUNK, naming, require_finite, sort_out, survey
+from .lines import Lines
 from .ply_header import PlyHeader, read_header, vertex_offset
 
 _AGAIN = "expected a complete PLY file: copy, download or export it again"
@@ -53,7 +54,8 @@ class PlyCloud:
         names = [columns[name] for name in ("x", "y", "z", *((_CLASS,) if classed else ()))]
         done = 0
         for values in read(names, size):
-            x, y, z = (np.ascontiguousarray(values[axis], dtype=np.float64) for axis in range(3))
+            with np.errstate(invalid="ignore"):  # NaN of single precision, told below
+                x, y, z = (np.ascontiguousarray(v, dtype=np.float64) for v in values[:3])
             require_finite(self._path, x, y, z, done)
             done += len(x)
             yield sort_out(x, y, z, values[3].astype(np.uint8) if classed else None)
@@ -67,7 +69,7 @@ class PlyCloud:
         row = vertex.dtype(self._header.order).itemsize
         held = max(self._path.stat().st_size - self._offset, 0) // row
         if held < vertex.count:
-            raise _short(self._path, vertex.count, held)
+            raise short(self._path, vertex.count, held)
 
     def _binary(self, columns: List[int], size: int) -> Iterator[List[npt.NDArray[Any]]]:
         vertex = self._header.vertex
@@ -105,25 +107,37 @@ class PlyCloud:
         with naming(self._path, _AGAIN):
             stream = self._path.open("r", encoding="ascii", errors="replace")
         with stream:
-            skip = self._header.lines + sum(element.count for element in self._header.before)
-            for _ in range(skip):
-                if not stream.readline():
-                    raise _short(self._path, vertex.count, 0)
-            step = min(size, _LINES)
-            for start in range(0, vertex.count, step):
-                wanted = min(step, vertex.count - start)
-                advice = f"in the rows after point {start}; {_AGAIN}"
-                rows = [line for _, line in zip(range(wanted), stream)]
-                if len(rows) < wanted:
-                    raise _short(self._path, vertex.count, start + len(rows))
-                with naming(self._path, advice):
+            for start, rows in ascii_rows(self._path, stream, self._header, size):
+                with naming(self._path, f"in the rows after point {start}; {_AGAIN}"):
                     table: FloatArray = np.loadtxt(rows, comments=None, usecols=columns, ndmin=2)
-                if len(table) < wanted:
-                    raise _short(self._path, vertex.count, start + len(table))
+                if len(table) < len(rows):
+                    raise short(self._path, vertex.count, start + len(table))
                 yield list(table.T)
 
 
-def _short(path: Path, promised: int, held: int) -> CloudError:
+def ascii_rows(
+    path: Path, stream: TextIO, header: PlyHeader, size: int
+) -> Iterator[Tuple[int, List[str]]]:
+    """Rows of the points, as text, and how many come before them; CloudError when some are missing.
+
+    At most `size` at a time; the stream is at its start.
+    """
+    lines = Lines(path, stream, _AGAIN)
+    count, done = header.vertex.count, 0
+    with naming(path, _AGAIN):
+        lines.skip(header.lines + sum(element.count for element in header.before))
+    while done < count:
+        with naming(path, _AGAIN):
+            rows = lines.take(min(size, _LINES, count - done))
+            missing = done + len(rows) < count and lines.ended
+        if missing:
+            raise short(path, count, done + len(rows))
+        yield done, rows
+        done += len(rows)
+
+
+def short(path: Path, promised: int, held: int) -> CloudError:
+    """Make the error of a file that has fewer points than its header says."""
     return CloudError(
         f"{path}: is truncated: its header promises {promised} points, it holds {held}; {_AGAIN}"
     )

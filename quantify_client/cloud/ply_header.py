@@ -24,6 +24,7 @@ _TYPES = {
     **dict.fromkeys(("double", "float64"), "f8"),
 }
 _MAX_HEADER = 1 << 20
+_MAX_COLUMNS = 1000  # properties of all elements; sixty are many
 
 
 @dataclass(frozen=True)
@@ -77,8 +78,10 @@ class PlyHeader:
     @property
     def columns(self) -> Dict[str, int]:
         """Position of each vertex property by its lower-case name; the first of a name counts."""
-        names = [column.name.lower() for column in self.vertex.properties]
-        return {name: names.index(name) for name in names}
+        found: Dict[str, int] = {}
+        for index, column in enumerate(self.vertex.properties):
+            found.setdefault(column.name.lower(), index)
+        return found
 
     @property
     def before(self) -> Tuple[Element, ...]:
@@ -128,6 +131,11 @@ def _add(path: Path, number: int, words: List[str], elements: List[Element]) -> 
         else:
             column = Property(words[2], _TYPES[words[1]])
         last = elements[-1]
+        if len(last.properties) >= _MAX_COLUMNS:
+            raise CloudError(
+                f"{path}: has more than {_MAX_COLUMNS} properties in one element of its PLY "
+                "header; expected those of a point cloud: export it again"
+            )
         elements[-1] = Element(last.name, last.count, (*last.properties, column))
     except (IndexError, KeyError, ValueError):
         raise CloudError(

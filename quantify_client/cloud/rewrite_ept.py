@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import CloudError
-from .base import naming, require_finite
+from .base import naming, require_places
 from .ept_index import AGAIN, EptIndex, read_index
 from .rewrite_schema import Schema
 from .rewrite_source import Block, Origin, PointSource, read_las
@@ -83,8 +83,9 @@ class BinaryTiles:
         """Deliver all points, tile by tile."""
         done = 0
         for values in self._values(size):
-            x, y, z = (np.array(values[axis], dtype=np.float64) for axis in self._axes)
-            require_finite(self.path, x, y, z, done)
+            with np.errstate(invalid="ignore"):  # NaN of single precision, told below
+                x, y, z = (np.array(values[axis], dtype=np.float64) for axis in self._axes)
+            require_places(self.path, x, y, z, done)
             done += len(x)
             yield Block(x, y, z, self._arranged.rows(values, len(x)))
 
@@ -118,6 +119,7 @@ def _is_scaled(column: Mapping[str, Any]) -> bool:
 def _scaled(values: npt.NDArray[Any], column: Mapping[str, Any]) -> npt.NDArray[Any]:
     if not _is_scaled(column):
         return values
-    out: npt.NDArray[np.float64] = values * float(column.get("scale", 1))
-    out += float(column.get("offset", 0))
+    with np.errstate(over="ignore", invalid="ignore"):  # told where coordinates are checked
+        out: npt.NDArray[np.float64] = values * float(column.get("scale", 1))
+        out += float(column.get("offset", 0))
     return out

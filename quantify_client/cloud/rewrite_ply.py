@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import islice
 from pathlib import Path
 from typing import Iterator, List, Optional, Sequence, Tuple
 
@@ -11,7 +10,8 @@ import numpy.typing as npt
 
 from ..errors import CloudError
 from ..types import Bounds, FloatArray
-from .base import naming, require_finite
+from .base import naming, require_places
+from .ply import ascii_rows, short
 from .ply_header import PlyHeader, read_header, vertex_offset
 from .rewrite_schema import Schema
 from .rewrite_source import Block, Origin
@@ -49,19 +49,20 @@ class PlySource:
         """Deliver all points; CloudError when there are fewer than the header promises."""
         done = 0
         for values in self._values(size):
-            x, y, z = (np.array(values[axis], dtype=np.float64) for axis in self._axes)
-            require_finite(self.path, x, y, z, done)
+            with np.errstate(invalid="ignore"):  # NaN of single precision, told below
+                x, y, z = (np.array(values[axis], dtype=np.float64) for axis in self._axes)
+            require_places(self.path, x, y, z, done)
             done += len(x)
             yield Block(x, y, z, self._arranged.rows(values, len(x)))
 
     def _values(self, size: int) -> Iterator[Values]:
-        return self._binary(size) if self._header.order else self._ascii(min(size, _LINES))
+        return self._binary(size) if self._header.order else self._ascii(size)
 
     def _binary(self, size: int) -> Iterator[Values]:
         row = self._header.vertex.dtype(self._header.order)
         held = max(self.path.stat().st_size - self._offset, 0) // row.itemsize
         if held < self.count:
-            raise self._short(held)
+            raise short(self.path, self.count, held)
         for start in range(0, self.count, size):
             with naming(self.path, _AGAIN):
                 rows: npt.NDArray[np.void] = np.fromfile(
@@ -71,27 +72,20 @@ class PlySource:
                     offset=self._offset + start * row.itemsize,
                 )
             if len(rows) < min(size, self.count - start):
-                raise self._short(start + len(rows))
+                raise short(self.path, self.count, start + len(rows))
             yield [rows[f"f{index}"] for index in range(len(self._columns))]
 
     def _ascii(self, size: int) -> Iterator[Values]:
         with naming(self.path, _AGAIN):
             stream = self.path.open("r", encoding="ascii", errors="replace")
         with stream:
-            before = sum(element.count for element in self._header.before)
-            for _ in islice(stream, self._header.lines + before):
-                pass
-            for start in range(0, self.count, size):
-                wanted = min(size, self.count - start)
-                lines = list(islice(stream, wanted))
-                if len(lines) < wanted:
-                    raise self._short(start + len(lines))
+            for start, rows in ascii_rows(self.path, stream, self._header, size):
                 with naming(self.path, f"in the rows after point {start}; {_AGAIN}"):
                     table: FloatArray = np.loadtxt(
-                        lines, comments=None, usecols=range(len(self._columns)), ndmin=2
+                        rows, comments=None, usecols=range(len(self._columns)), ndmin=2
                     )
-                    if len(table) < wanted:
-                        raise self._short(start + len(table))
+                    if len(table) < len(rows):
+                        raise short(self.path, self.count, start + len(table))
                     yield self._typed(table)
 
     def _typed(self, table: FloatArray) -> Values:
@@ -110,9 +104,3 @@ class PlySource:
             with np.errstate(over="ignore"):
                 out.append(values.astype(kind))
         return out
-
-    def _short(self, held: int) -> CloudError:
-        return CloudError(
-            f"{self.path}: is truncated: its header promises {self.count} points, it holds "
-            f"{held}; {_AGAIN}"
-        )

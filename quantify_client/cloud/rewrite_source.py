@@ -7,23 +7,21 @@ is left out and nothing is skipped in decompressing.
 from __future__ import annotations
 
 import struct
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, Callable, Iterator, Optional, Protocol, Sequence, Tuple
+from typing import Any, Iterator, Optional, Protocol, Sequence, Tuple
 
-import lazrs
 import numpy as np
-import numpy.typing as npt
 from laspy import DecompressionSelection
 
 from ..errors import CloudError
 from ..types import Bounds, FloatArray
 from .base import naming
+from .las import MAX_BUFFER, record_reader
 from .las_header import AGAIN, LasLayout, read_layout
 from .rewrite_records import Record, read_records
 from .rewrite_schema import Rows, Schema, schema_of
-
-_MAX_BUFFER = 64 << 20  # bytes of records held at a time
 
 
 @dataclass(frozen=True)
@@ -161,32 +159,13 @@ def _records(layout: LasLayout, schema: Schema, size: int) -> Iterator[Rows]:
     if not layout.count:
         return
     dtype = schema.dtype
-    step = max(1, min(size, _MAX_BUFFER // layout.record_length, layout.count))
-    with naming(layout.path, AGAIN):
-        stream = layout.path.open("rb")
-    with stream:
-        stream.seek(layout.offset)
+    step = max(1, min(size, MAX_BUFFER // layout.record_length, layout.count))
+    with ExitStack() as stack:
         with naming(layout.path, AGAIN):
-            fill = _filler(layout, stream)
+            fill = record_reader(layout, stack, DecompressionSelection.all())
         for done in range(0, layout.count, step):
             rows: Rows = np.empty(min(step, layout.count - done), dtype)
             advice = f"its header promises {layout.count} points, {done} could be read; {AGAIN}"
             with naming(layout.path, advice):
                 fill(rows.view(np.uint8))
             yield rows
-
-
-def _filler(layout: LasLayout, stream: BinaryIO) -> Callable[[npt.NDArray[np.uint8]], None]:
-    """The function that fills a buffer with the next records."""
-    if layout.laszip is None:
-        return lambda part: _fill(layout.path, stream, part)
-    decompressor = lazrs.ParLasZipDecompressor if layout.parallel else lazrs.LasZipDecompressor
-    everything = DecompressionSelection.all().to_lazrs()
-    fill: Callable[[npt.NDArray[np.uint8]], None]
-    fill = decompressor(stream, layout.laszip, everything).decompress_many
-    return fill
-
-
-def _fill(path: Path, stream: Any, part: npt.NDArray[np.uint8]) -> None:
-    if stream.readinto(part.data) != len(part):
-        raise CloudError(f"{path}: became shorter while it was read; {AGAIN}")

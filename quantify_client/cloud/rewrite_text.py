@@ -10,7 +10,8 @@ import numpy as np
 
 from ..errors import CloudError
 from ..types import Bounds, FloatArray
-from .base import naming, require_finite
+from .base import naming, require_places
+from .lines import MAX_LINE, Lines
 from .rewrite_schema import Schema
 from .rewrite_source import Block, Origin
 from .rewrite_table import Column, Values, arrange, candidates, misfits
@@ -56,7 +57,7 @@ class TextSource:
         done = 0
         for values in self._values(size):
             x, y, z = (np.ascontiguousarray(values[axis]) for axis in self._axes)
-            require_finite(self.path, x, y, z, done)
+            require_places(self.path, x, y, z, done)
             done += len(x)
             yield Block(x, y, z, self._arranged.rows(values, len(x)))
         if done != self.count:
@@ -66,7 +67,7 @@ class TextSource:
         """The columns' names, as far as the file has them, and the fields of its first row."""
         with naming(self.path, _AGAIN), _opened(self.path) as stream:
             lead = [line.strip().lstrip("#/ \t") for line in islice(stream, self._lead)]
-            first = _split(stream.readline(), self._delimiter)
+            first = _split(stream.readline(MAX_LINE), self._delimiter)
         lead = [line for line in lead if line]
         told = _split(lead[-1], self._delimiter) if lead else []
         if _named_columns(told) is None:
@@ -101,11 +102,12 @@ class TextSource:
         with naming(self.path, _AGAIN):
             stream = _opened(self.path)
         with stream:
-            for _ in islice(stream, self._lead):
-                pass
+            source = Lines(self.path, stream, _AGAIN)
+            with naming(self.path, _AGAIN):
+                source.skip(number)
             while True:
                 with naming(self.path, _AGAIN):
-                    lines = list(islice(stream, min(size, _LINES)))
+                    lines = source.take(min(size, _LINES))
                 if not lines:
                     return
                 rows = [line for line in lines if not _is_comment(line)]

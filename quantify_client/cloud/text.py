@@ -16,6 +16,7 @@ import numpy as np
 from ..errors import CloudError
 from ..types import Chunk, CloudInfo, FloatArray, Window
 from .base import DEFAULT_CHUNK, naming, require_finite, sort_out, survey
+from .lines import MAX_LINE, Lines
 
 _AGAIN = "expected rows of x, y, z with decimal points, with or without a line naming the columns"
 _NAMES = {
@@ -26,7 +27,6 @@ _NAMES = {
 _CLASS = ("classification", "class")
 _COMMENTS = ("#", "//")
 _LINES = 200_000  # rows held as text at a time
-_MAX_LINE = 1 << 16
 _MAX_LEAD = 1000  # comments and blank lines before the first row
 _DECIMAL_COMMA = re.compile(r"^\s*[-+]?\d+,\d+[\s;]+[-+]?\d+,\d+([\s;]|$)")
 
@@ -59,11 +59,12 @@ class TextCloud:
         with naming(self._path, _AGAIN):
             stream = _opened(self._path)
         with stream:
-            for _ in range(self._table.lead):
-                stream.readline()
+            source = Lines(self._path, stream, _AGAIN)
+            with naming(self._path, _AGAIN):
+                source.skip(number)
             while True:
                 with naming(self._path, _AGAIN):
-                    lines = [line for _, line in zip(range(min(size, _LINES)), stream)]
+                    lines = source.take(min(size, _LINES))
                 if not lines:
                     return
                 table = self._parse(lines, number)
@@ -78,7 +79,7 @@ class TextCloud:
     def _parse(self, lines: List[str], number: int) -> FloatArray:
         """Rows of numbers; `number` is how many lines of the file come before these."""
         rows = lines
-        if any(line[:1] in "#/\n\r \t" for line in lines):
+        if any(line[:1] in "#/ \t" for line in lines):  # "" is in it, too
             rows = [line for line in lines if not _is_comment(line)]
         columns = self._table.columns
         if not rows:
@@ -141,10 +142,10 @@ def _sniff(path: Path, stream: TextIO) -> _Table:
     """
     comment = ""
     for lead in range(_MAX_LEAD):
-        line = stream.readline(_MAX_LINE)
+        line = stream.readline(MAX_LINE)
         if not line:
             raise CloudError(f"{path}: holds no points; {_AGAIN}")
-        if "\0" in line or len(line) == _MAX_LINE:
+        if "\0" in line or len(line) == MAX_LINE:
             raise CloudError(f"{path}: is not text; {_AGAIN}")
         if not _is_comment(line):
             return _table(path, line, comment, lead)

@@ -21,7 +21,7 @@ from .local import LocalFrame, local_frame, utm_grid
 from .onmap import OnMap, on_map
 from .placed import PlacedFrame, placed_frame
 from .positions import Plane, odm_header, plane_of, positions_to
-from .projection import is_geographic
+from .projection import is_geographic, label
 from .wkt import as_wkt
 
 __all__ = [
@@ -36,6 +36,7 @@ __all__ = [
     "geometry_to_wgs84",
     "grid_scale_factor",
     "is_geographic",
+    "label",
     "local_frame",
     "measuring_frame",
     "odm_header",

@@ -7,6 +7,7 @@ from typing import Any, Optional
 
 import numpy as np
 import shapely
+from pyproj.exceptions import ProjError
 
 from ..errors import CrsError
 from ..types import FloatArray
@@ -128,7 +129,10 @@ def transfer_accuracy_m(from_crs: str, frame: Frame, lon_or_x: float, lat_or_y: 
     mover = transformer(source, frame.grid)
     if mover is None:
         return 0.0
-    accuracy = float(mover.get_last_used_operation().accuracy)
+    try:
+        accuracy = float(mover.get_last_used_operation().accuracy)
+    except ProjError:  # there was only one way, so PROJ did not choose
+        accuracy = float(mover.accuracy)
     return accuracy if accuracy >= 0 else math.nan
 
 

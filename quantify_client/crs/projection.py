@@ -32,6 +32,7 @@ __all__ = [
     "horizontal_wkt",
     "identifier",
     "is_geographic",
+    "label",
     "parse",
     "short",
     "split",
@@ -45,6 +46,7 @@ WGS84 = "EPSG:4326"
 
 _MAX_LON_SPAN_DEG = 12.0  # two UTM zones: k grows to 1.005 at 45 degrees
 _JACOBIAN_STEP_DEG = 1e-4  # 11 m: curvature and rounding both stay below 1e-9 of the scale
+_MAX_LABEL = 60
 _UTM_NAME = re.compile(r"\s*WGS\s*84\s*/?\s*UTM\s*(?:zone\s*)?(\d{1,2})\s*([NS])\s*", re.I)
 
 
@@ -239,6 +241,17 @@ def gaussian_radius(crs: CRS, lat: float) -> float:
     a, b = ellipsoid.semi_major_metre, ellipsoid.semi_minor_metre
     eccentricity2 = 1 - (b / a) ** 2
     return float(a * math.sqrt(1 - eccentricity2) / (1 - eccentricity2 * math.sin(lat) ** 2))
+
+
+def label(text: str) -> str:
+    """Name a CRS in a message: as it was given where that is short, else by its name or datum."""
+    if "[" not in text and len(text) <= _MAX_LABEL:
+        return text
+    crs = parse(text)
+    if crs.name.lower() not in ("unknown", "unnamed", ""):
+        return short(crs.name)
+    datum = unbound(crs).datum
+    return short(f"a {crs.type_name}" + (f" on the datum {datum.name!r}" if datum else ""))
 
 
 def short(text: object) -> str:

@@ -1,17 +1,19 @@
 """An all.zip: only the point cloud comes out of it, and only into a folder that is removed again.
 
 An archive is somebody else's: names may lead out of the folder, a small file may unpack to a
-huge one, and the end may be missing. All of that is found before or while a member is written.
+huge one, the list of members may be longer than memory, and the end may be missing. All of that is
+found before or while a member is written.
 """
 
 from __future__ import annotations
 
+import io
 import re
 import shutil
 import stat
 import zipfile
 from contextlib import contextmanager
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Iterator, List, Optional, Sequence, Tuple
 
 from ..cloud import SUFFIXES, refuse_impostor
@@ -31,6 +33,8 @@ _GIB = 1 << 30
 _MAX_SIZE = 200 * _GIB
 _MAX_RATIO = 100
 _SMALL = 10 << 20  # bytes: below this any ratio is harmless
+_LIST = 10 << 20  # bytes of the list of members: some 80,000; each takes a kilobyte of memory
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # others unpack blocks of any size at once
 _SPARE = 64 << 20  # bytes to leave free on the disk
 _BLOCK = 1 << 20
 _MAX_DEPTH = 6  # folders around odm_georeferencing
@@ -69,21 +73,44 @@ def unpacked(path: Path, *, cameras: bool = False) -> Iterator[Path]:
         yield target
 
 
-def _opened(path: Path) -> zipfile.ZipFile:
-    try:
-        return zipfile.ZipFile(path)
-    except zipfile.BadZipFile:
-        with path.open("rb") as stream:
-            start = stream.read(4)
-        if start == b"PK\x03\x04":
+class _Bounded(io.FileIO):
+    """A file of which no more is read at once than a list of members may have.
+
+    That list is what zipfile reads whole, at the length that the end of the file gives.
+    """
+
+    def read(self, size: Optional[int] = -1) -> bytes:
+        """As any file; CloudError beyond the limit."""
+        data: bytes = super().read(_LIST + 1 if size is None or size < 0 else min(size, _LIST + 1))
+        if len(data) > _LIST:
             raise CloudError(
-                f"{path}: is truncated: the end of the zip is missing; {_AGAIN}"
-            ) from None
-        raise CloudError(f"{path}: is not a zip file, whatever its name; {_AGAIN}") from None
+                f"{self.name}: has a list of members of more than {_LIST >> 20} MB, some 80,000 "
+                f"of them; {_AGAIN}, or unpack it yourself and give the folder"
+            )
+        return data
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
+    with _Bounded(str(path)) as stream:
+        try:
+            archive = zipfile.ZipFile(stream)
+        except zipfile.BadZipFile:
+            stream.seek(0)
+            if stream.read(4) == b"PK\x03\x04":
+                raise CloudError(
+                    f"{path}: is truncated: the end of the zip is missing; {_AGAIN}"
+                ) from None
+            raise CloudError(f"{path}: is not a zip file, whatever its name; {_AGAIN}") from None
+        with archive:
+            yield archive
 
 
 def _parts(member: zipfile.ZipInfo) -> Sequence[str]:
-    return PurePosixPath(member.filename.replace("\\", "/")).parts
+    """Folders and name; "/" first where it leads to the root, as pathlib has it, but faster."""
+    name = member.filename.replace("\\", "/")
+    parts = [part for part in name.split("/") if part not in ("", ".")]
+    return ["/", *parts] if name.startswith("/") else parts
 
 
 def _refuse_unsafe(path: Path, member: zipfile.ZipInfo) -> None:
@@ -104,13 +131,9 @@ def _refuse_unsafe(path: Path, member: zipfile.ZipInfo) -> None:
 def _choose(path: Path, members: Sequence[zipfile.ZipInfo]) -> zipfile.ZipInfo:
     """The georeferenced model; else the one cloud there is."""
     files = [member for member in members if not member.is_dir() and _parts(member)]
+    inside = [m for m in files if GEOREFERENCING in m.filename and len(_parts(m)) <= _MAX_DEPTH + 2]
     for name in MODELS:
-        found = [
-            member
-            for member in files
-            if tuple(_parts(member)[-2:]) == (GEOREFERENCING, name)
-            and len(_parts(member)) <= _MAX_DEPTH + 2
-        ]
+        found = [m for m in inside if tuple(_parts(m)[-2:]) == (GEOREFERENCING, name)]
         if found:
             return _only(path, found)
     clouds = [
@@ -144,10 +167,17 @@ def _only(path: Path, found: Sequence[zipfile.ZipInfo]) -> zipfile.ZipInfo:
 
 def _require_sound(path: Path, member: zipfile.ZipInfo, folder: Path) -> None:
     """Refuse what must not be unpacked before a byte of it is written."""
-    size, packed = member.file_size, member.compress_size
+    # A member cannot be longer than what is left of the archive, whatever it claims.
+    packed = min(member.compress_size, path.stat().st_size - member.header_offset)
+    size = member.file_size
     name = f"{path}: its member {member.filename[:60]!r}"
     if member.flag_bits & 1:
         raise CloudError(f"{name} is encrypted; unpack it yourself and give the folder")
+    if member.compress_type not in _METHODS:
+        raise CloudError(
+            f"{name} is packed by method {member.compress_type}; expected 8 (deflate) or 0: unpack "
+            "it yourself and give the folder"
+        )
     if size > _MAX_SIZE:
         raise CloudError(
             f"{name} claims {size / _GIB:.0f} GiB, more than the {_MAX_SIZE // _GIB} GiB that are "
@@ -175,6 +205,7 @@ def _sidecars(members: Sequence[zipfile.ZipInfo], chosen: zipfile.ZipInfo) -> Li
         if _parts(member)[:-1] == folder
         and _parts(member)[-1] in SIDECARS
         and member.file_size <= SIDECAR_BYTES
+        and member.compress_type in _METHODS
         and not member.flag_bits & 1
     ]
 

@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import Any, List, Mapping, Optional, Tuple
 
 from ..errors import ControlError
-from ..small_files import read_small
+from ..small_files import count_values, read_small
 
 __all__ = ["features", "is_number", "numbers", "read_object", "shown"]
 
-MAX_BYTES = 200_000_000
+MAX_BYTES = 100_000_000  # 140,000 photographs
+_MAX_VALUES = 5_000_000  # in one file: each takes up to 80 bytes of memory, and two of the file
 MAX_NUMBER = 1e9  # beyond any map in metres; products of two stay exact enough
 
 
@@ -42,6 +43,8 @@ def read_object(path: Path, expected: str) -> Mapping[str, Any]:
 
 
 def _parse(path: Path, data: bytes, expected: str) -> Any:
+    if count_values(data) > _MAX_VALUES:
+        raise ControlError(f"{path}: holds more than {_MAX_VALUES:,} values; expected {expected}")
     try:
         return json.loads(data.decode("utf-8-sig"))
     except RecursionError:

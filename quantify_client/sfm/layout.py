@@ -26,7 +26,7 @@ CAMERAS = "cameras.json"
 CONTROL_POSITIONS = f"{GEOREFERENCING}/ground_control_points.geojson"
 """Where the photographs were taken, with which cameras, and what became of the GCPs."""
 CAMERA_FILES = (SHOTS, CAMERAS, CONTROL_POSITIONS)
-CAMERA_BYTES = 200 << 20
+CAMERA_BYTES = 100_000_000
 
 _FALLBACKS = (f"{ENTWINE}/ept.json", "odm_filterpoints/point_cloud.ply")
 _TILES = (".laz", ".las")

@@ -1,0 +1,1 @@
+"""Damaged inputs of every kind, given to the real command; ``run.py`` says how to start it."""
