@@ -20,7 +20,7 @@ from ..errors import ControlError
 __all__ = ["Node", "quoted", "read_json", "read_yaml"]
 
 _MAX_NESTING = 8  # control files have four levels
-_DEEP = re.compile(r"[\[{]{%d}" % (_MAX_NESTING + 1))
+_DEEP = re.compile(rf"[\[{{]{{{_MAX_NESTING + 1}}}")
 _TOO_DEEP = "nested too deeply for a control file; see its format"
 _NOTHING = frozenset(["", "~", "null", "Null", "NULL"])
 _LOADER: Any = getattr(yaml, "CBaseLoader", yaml.BaseLoader)  # libyaml, where it was built in
