@@ -1,5 +1,8 @@
 # make demo    install into .venv and measure the bundled OpenDroneMap cloud
-# make test    everything that must pass: lint, format, types, import contracts, tests, Python 3.9
+# make test    everything that must pass: lint, format, types, import contracts, and the tests on
+#              Python 3.9 and 3.13 with the versions of .ci/constraints-*.txt
+# make test-newest   the tests with today's newest versions of everything, in .venv-newest
+# make lock    write .ci/constraints-*.txt anew: today's newest versions that each Python can have
 # make test-live   the tests that take a real server: NODEODM_URL=http://... (docs/servers.md)
 # make test-webodm   clicks in a real WebODM: WEBODM_URL, WEBODM_USER, WEBODM_PASSWORD (docs/webodm.md)
 # make plugin  build the WebODM plugin: dist/volcalc-offline.zip and dist/volcalc.zip (docs/webodm.md)
@@ -7,8 +10,9 @@
 # make lint    the checks that need no test run        make format   let ruff mend what it can
 # make clean   remove what these made
 #
-# PYTHON=/path/to/python3 chooses the interpreter (3.9 or newer), JOBS=n the number of test workers
-# (3 by default, for two processors: many tests wait for servers and browsers).
+# PYTHON=/path/to/python3 chooses the interpreter (3.9 or newer) of the demo and the plugin, PYTHON313
+# and PYTHON39 those of the tests, JOBS=n the number of test workers (3 by default, for two
+# processors: many tests wait for servers and browsers).
 
 PYTHON ?= python3
 JOBS ?= 3
@@ -17,31 +21,49 @@ PIP := -m pip --disable-pip-version-check --quiet
 VENV := .venv
 DEV := .venv-dev
 OLD := .venv39
+NEWEST := .venv-newest
 
-# The oldest Python and the exact pins of WebODM, its web framework included. A pyenv shim may be on
-# PATH without a 3.9 behind it, so each candidate has to answer.
-PYTHON39 ?= $(shell for p in python3.9 $(HOME)/.pyenv/versions/3.9*/bin/python3.9 \
-	"$$(pyenv root 2>/dev/null)"/versions/3.9*/bin/python3.9; do \
-	"$$p" -c 'import sys, ensurepip, venv; sys.version_info[:2] == (3, 9) or sys.exit(1); \
+# $(1): a version. A pyenv shim may be on PATH without that Python behind it, so each has to answer.
+find_python = $(shell for p in python$(1) $(HOME)/.pyenv/versions/$(1)[.-]*/bin/python$(1) \
+	"$$(pyenv root 2>/dev/null)"/versions/$(1)[.-]*/bin/python$(1); do \
+	"$$p" -c 'import sys, ensurepip, venv; "%d.%d" % sys.version_info[:2] == "$(1)" or sys.exit(1); \
 	print(sys.executable)' 2>/dev/null && break; done)
+
+# The newest Python that is tested, or the newest there is; and the oldest, with the exact pins of
+# WebODM, its web framework included.
+ifndef PYTHON313
+PYTHON313 := $(or $(call find_python,3.13),$(call find_python,3.12),$(call find_python,3.11),$(PYTHON))
+endif
+ifndef PYTHON39
+PYTHON39 := $(call find_python,3.9)
+endif
 OLD_PINS := numpy==1.26.2 scipy==1.11.3 Django==2.2.27 djangorestframework==3.13.1
+
+# What the tests run with: a version of each package, for each Python (make lock).
+LOCK = .ci/constraints-$(1).txt
+DEV_VERSION := $(shell "$(PYTHON313)" -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null)
+DEV_LOCK := $(wildcard $(call LOCK,$(DEV_VERSION)))
 
 # Tests run side by side; threads of the linear algebra beside them would only wait for each other.
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo plugin test test-live test-webodm lint lint39 format suite suite39 say39 coverage clean
+.PHONY: demo plugin test test-newest test-live test-webodm lock lint lint39 format suite suite39 say \
+	say39 coverage clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.ready
 	$(VENV)/bin/quantify-client demo --out demo-out
 	@echo "The report: $(CURDIR)/demo-out/report.html"
+	@echo "To measure something of yours:  . $(VENV)/bin/activate  and then  quantify-client --help"
 
 plugin: $(VENV)/.ready
 	$(VENV)/bin/quantify-client plugin --out dist
 
-test: say39 lint lint39 suite suite39
+test: say say39 lint lint39 suite suite39
+
+SUITE = -m pytest -n $(JOBS) --dist worksteal --durations=10
 
 lint: $(DEV)/.ready
 	$(DEV)/bin/ruff check .
@@ -54,7 +76,13 @@ format: $(DEV)/.ready
 	$(DEV)/bin/ruff format .
 
 suite: $(DEV)/.ready
-	MPLBACKEND=Agg $(DEV)/bin/python -m pytest -n $(JOBS) --dist worksteal
+	MPLBACKEND=Agg $(DEV)/bin/python $(SUITE)
+
+test-newest:
+	$(call need_python,$(PYTHON313))
+	$(call install,$(NEWEST),$(PYTHON313),-e ".[dev]")
+	$(NEWEST)/bin/python -m pip freeze --exclude-editable
+	MPLBACKEND=Agg $(NEWEST)/bin/python $(SUITE)
 
 test-live: $(DEV)/.ready
 	@test -n "$(NODEODM_URL)" || { echo "make: NODEODM_URL is not set: give the address of a NodeODM" \
@@ -69,6 +97,14 @@ test-webodm: $(DEV)/.ready
 coverage: $(DEV)/.ready
 	MPLBACKEND=Agg $(DEV)/bin/python -m pytest -n $(JOBS) --cov
 
+say:
+ifeq ($(DEV_LOCK),)
+	@echo "Tested with $(PYTHON313) and today's newest packages: there is no Python 3.13 with venv" \
+	  "(PATH, pyenv), for which $(call LOCK,3.13) is; PYTHON313=/path/to/python3.13 names one."
+else
+	@echo "Tested with $(PYTHON313) and the packages of $(DEV_LOCK)."
+endif
+
 ifneq ($(PYTHON39),)
 say39:
 	@echo "The suite also runs on $(PYTHON39) with $(OLD_PINS), but for what takes long" \
@@ -78,7 +114,7 @@ lint39: $(OLD)/.ready
 	$(OLD)/bin/mypy
 
 suite39: $(OLD)/.ready
-	MPLBACKEND=Agg $(OLD)/bin/python -m pytest -n $(JOBS) --dist worksteal -m "not one_python"
+	MPLBACKEND=Agg $(OLD)/bin/python $(SUITE) -m "not one_python"
 else
 say39:
 	@echo "No Python 3.9 with venv found (PATH, pyenv): the run with $(OLD_PINS) is left out;" \
@@ -87,8 +123,15 @@ say39:
 lint39 suite39:
 endif
 
+# In a throw-away environment for each Python; names and versions only, not where they came from.
+lock:
+	$(call need_python,$(PYTHON39))
+	$(call need_python,$(PYTHON313))
+	$(call lock,3.9,$(PYTHON39),$(OLD_PINS))
+	$(call lock,$(DEV_VERSION),$(PYTHON313))
+
 clean:
-	rm -rf $(VENV) $(DEV) $(OLD) demo-out build dist *.egg-info .coverage .coverage.*
+	rm -rf $(VENV) $(DEV) $(OLD) $(NEWEST) demo-out build dist *.egg-info .coverage .coverage.*
 	rm -rf .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	find quantify_client tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
 
@@ -104,24 +147,36 @@ define need_python
   "$$("$(1)" -c 'import sys; print("python%d.%d-venv" % sys.version_info[:2])')'" >&2; exit 1; }
 endef
 
-# $(1): the environment, $(2): what to install. pip before 21.3 cannot install editable projects.
+# $(1): the environment, made anew; $(2): its Python; $(3): what to install. pip before 21.3 cannot
+# install editable projects.
 define install
-@echo "Installing into $(1) (a minute or two the first time) ..."
-@{ $(1)/bin/python $(PIP) install "pip>=21.3" && $(1)/bin/python $(PIP) install $(2); } || { \
+@echo "Installing into $(1) (a minute or two) ..."
+@"$(2)" -m venv --clear $(1)
+@{ $(1)/bin/python $(PIP) install "pip>=21.3" && $(1)/bin/python $(PIP) install $(3); } || { \
   echo "make: installing into $(1) failed, see above: is there a network connection?" >&2; exit 1; }
-@touch $@
+endef
+
+# $(1): the version of $(2), a Python; $(3): what is given beforehand.
+define lock
+@echo "Asking for the newest packages for Python $(1) (a minute or two) ..."
+@made="$$(mktemp -d)" && trap 'rm -rf "$$made"' EXIT && "$(2)" -m venv "$$made" && \
+  "$$made/bin/python" $(PIP) install "pip>=21.3" && \
+  "$$made/bin/python" $(PIP) install -e ".[dev]" $(3) && \
+  { echo "# Written by 'make lock': what the tests run with on Python $(1)." && \
+    "$$made/bin/python" -m pip freeze --exclude-editable; } > "$$made/lock" && \
+  cp "$$made/lock" $(call LOCK,$(1)) && echo "$(call LOCK,$(1))"
 endef
 
 $(VENV)/.ready: pyproject.toml
 	$(call need_python,$(PYTHON))
-	@"$(PYTHON)" -m venv $(VENV)
-	$(call install,$(VENV),-e .)
+	$(call install,$(VENV),$(PYTHON),-e .)
+	@touch $@
 
-$(DEV)/.ready: pyproject.toml
-	$(call need_python,$(PYTHON))
-	@"$(PYTHON)" -m venv $(DEV)
-	$(call install,$(DEV),-e ".[dev]")
+$(DEV)/.ready: pyproject.toml $(DEV_LOCK)
+	$(call need_python,$(PYTHON313))
+	$(call install,$(DEV),$(PYTHON313),-e ".[dev]" $(addprefix -c ,$(DEV_LOCK)))
+	@touch $@
 
-$(OLD)/.ready: pyproject.toml
-	@"$(PYTHON39)" -m venv $(OLD)
-	$(call install,$(OLD),-e ".[dev]" $(OLD_PINS))
+$(OLD)/.ready: pyproject.toml $(call LOCK,3.9)
+	$(call install,$(OLD),$(PYTHON39),-e ".[dev]" -c $(call LOCK,3.9))
+	@touch $@

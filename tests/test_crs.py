@@ -94,8 +94,8 @@ def test_no_crs_and_no_unit_is_unknown_and_said(text):
         ("nonsense", None, "unknown CRS 'nonsense'"),
         ("EPSG:999999", None, "expected EPSG:n"),
         ("WGS84 UTM 61N", None, "unknown CRS"),
-        ("EPSG:4978", None, "Geocentric"),
-        ("EPSG:5703", None, "Vertical"),
+        ("EPSG:4978", None, "which has no map plane"),
+        ("EPSG:5703", None, "which has no map plane"),
         (UTM15, "ft", "contradicts"),
         ("EPSG:2263", "ft", "US survey foot"),  # not the international one
         (None, "yd", "--source-unit m, ft or us-ft"),

@@ -146,7 +146,7 @@ def test_volume_with_control_tells_the_scale_everywhere(site, control, document,
         ("--scale-mode full", "go with --gcp"),
         ("--area-frame control", "go with --gcp"),
         ("--gcp CONTROL --grid", "--grid goes without --gcp"),
-        ("--gcp CONTROL --scale-mode huge", "invalid choice"),
+        ("--gcp CONTROL --scale-mode huge", "huge"),
     ],
 )
 def test_control_and_other_options(site, control, run, options, said):

@@ -127,13 +127,19 @@ def transfer_accuracy_m(from_crs: str, frame: Frame, lon_or_x: float, lat_or_y: 
     source = horizontal_wkt(from_crs)
     transform(source, frame.grid, np.array([lon_or_x]), np.array([lat_or_y]))
     mover = transformer(source, frame.grid)
-    if mover is None:
+    if mover is None or _share_a_datum(source, frame.grid):
         return 0.0
     try:
         accuracy = float(mover.get_last_used_operation().accuracy)
     except ProjError:  # there was only one way, so PROJ did not choose
         accuracy = float(mover.accuracy)
     return accuracy if accuracy >= 0 else math.nan
+
+
+def _share_a_datum(source: str, target: str) -> bool:
+    """Tell whether a projection alone leads from one to the other; of that PROJ 9.8 knows none."""
+    a, b = parse(source), parse(target)
+    return not (a.is_bound or b.is_bound) and a.datum is not None and a.datum == b.datum
 
 
 def _move(geometry: Any, source: str, target: str, unit_in: float, unit_out: float) -> Any:

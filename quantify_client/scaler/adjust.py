@@ -50,11 +50,13 @@ def adjust(network: Network, freedom: Freedom, starts: Sequence[State]) -> Adjus
         tried = [_robust(Model(network, freedom, start), _GLANCE) for start in states]
         states = [min(tried, key=lambda found: found[1])[0]]
     state, _ = _robust(Model(network, freedom, states[0]), _LOOK)
-    found = _Judge(Model(network, freedom, state)).run()
+    judge = _Judge(Model(network, freedom, state))
+    whole = judge.adjusted()
+    found = judge.run(whole)
     if not (found.outliers or found.raised):
         return found
     # Or nothing is wrong, but all of a kind less accurate than said: its tails only look wrong.
-    doubted = _Judge(Model(network, freedom, state), leaving=False).run()
+    doubted = _Judge(whole.model, leaving=False).run(whole)
     return min(found, doubted, key=_surprise)
 
 
@@ -92,15 +94,21 @@ class _Judge:
         self._out: Set[int] = set()
         self._returned: Set[int] = set()
 
-    def run(self) -> Adjustment:
-        """Return the adjustment that no test finds fault with, or the best there is."""
-        for _ in range(_ROUNDS):
-            found = self._adjusted()
+    def run(self, found: Adjustment) -> Adjustment:
+        """Return the adjustment that no test finds fault with, or the best there is.
+
+        Parameters
+        ----------
+        found : the adjustment of all observations, which both judges begin with.
+        """
+        for _ in range(_ROUNDS - 1):
             if not (self._take_back(found) or self._leave_out(found) or self._raise(found)):
                 break
+            found = self.adjusted()
         return found
 
-    def _adjusted(self) -> Adjustment:
+    def adjusted(self) -> Adjustment:
+        """Adjust with what has been left out and raised so far."""
         unknowns, _ = minimise(
             self._model, self._used(), self._raised, robust=False, tolerance=1e-14, steps=_STEPS
         )
@@ -170,7 +178,7 @@ class _Judge:
             if not all(self._may_leave(g, sorted(kept | set(best) - {g})) for g in best):
                 break
             self._out = kept | set(best)
-            explained = self._adjusted().excess[group] <= 1.0
+            explained = self.adjusted().excess[group] <= 1.0
             self._out = kept
             if explained:
                 return set(best)

@@ -147,6 +147,15 @@ class Model:
         turns = {0: [], 1: [2], 3: [0, 1, 2]}[self.freedom.turn]
         shifts = [0, 1] * self.freedom.shift_xy + [2] * self.freedom.shift_z
         self._free = [3 + k for k in turns] + shifts + [6] * self.freedom.scale
+        # What does not depend on the unknowns is made once: a fit asks for it at each of its steps.
+        ends = np.cumsum([0, 2 * len(gps), len(levels), 3 * len(cloud), len(lengths)]).tolist()
+        self._rows = [np.arange(begin, end) for begin, end in zip(ends, ends[1:])]
+        first = 3 * len(net.names)
+        self._columns = np.array([*range(first), *(first + k for k in self._free)])
+        weak = np.array([_SHIFT_M] * 3 + [_ANGLE] * 3 + [_LOG_SCALE])[self._free]
+        self._spread = np.concatenate([np.full(first, _POINT_M), weak])
+        self._loose = np.diag(1.0 / self._spread)
+        self._observed, self._sigma = self._observations()
 
     @property
     def size(self) -> int:
@@ -188,28 +197,23 @@ class Model:
 
     def observed(self) -> FloatArray:
         """(rows,) what was observed."""
-        net = self.network
-        return np.concatenate(
-            [
-                net.horizontal[self._gps].ravel(),
-                net.elevation[self._levels],
-                net.cloud[self._cloud].ravel(),
-                net.length,
-            ]
-        )
+        return self._observed
 
     def sigma(self) -> FloatArray:
         """(rows,) standard deviations."""
+        return self._sigma
+
+    def _observations(self) -> Tuple[FloatArray, FloatArray]:
         net = self.network
         variances = np.diagonal(net.cloud_covariance[self._cloud], axis1=1, axis2=2)
-        return np.concatenate(
-            [
-                np.repeat(net.horizontal_sigma[self._gps], 2),
-                net.elevation_sigma[self._levels],
-                np.sqrt(variances).ravel(),
-                net.length_sigma,
-            ]
-        )
+        both = [
+            (net.horizontal[self._gps].ravel(), np.repeat(net.horizontal_sigma[self._gps], 2)),
+            (net.elevation[self._levels], net.elevation_sigma[self._levels]),
+            (net.cloud[self._cloud].ravel(), np.sqrt(variances).ravel()),
+            (net.length, net.length_sigma),
+        ]
+        observed, sigma = (np.concatenate(parts) for parts in zip(*both))
+        return observed, sigma
 
     def spread(self, covariance: FloatArray) -> FloatArray:
         """(rows,) standard deviations of what the observations should be."""
@@ -240,31 +244,30 @@ class Model:
         net, now = self.network, self.state(unknowns)
         first = 3 * len(net.names)
         whole = np.zeros((len(self.kind), first + 7))
-        rows = np.arange(len(self.kind))
+        gps_rows, levels, cloud, lengths = self._rows
         east, north, up = now.points.T
         down = 1.0 / (1.0 + up / net.radius_m)
-        gps = rows[self.kind == "gps"].reshape(-1, 2)
+        gps = gps_rows.reshape(-1, 2)
         for axis in range(2):
             whole[gps[:, axis], 3 * self._gps + axis] = down[self._gps]
             slope = -now.points[self._gps, axis] * down[self._gps] ** 2 / net.radius_m
             whole[gps[:, axis], 3 * self._gps + 2] = slope
-        levels = rows[self.kind == "elevation"]
         for axis, slope in enumerate((east / net.radius_m, north / net.radius_m, np.ones_like(up))):
             whole[levels, 3 * self._levels + axis] = slope[self._levels]
-        self._cloud_part(whole, now, unknowns)
-        lengths = rows[np.isin(self.kind, ("distance", "scale_bar"))]
+        self._cloud_part(whole, cloud.reshape(-1, 3), now, unknowns)
         apart = now.points[net.ends[:, 1]] - now.points[net.ends[:, 0]]
         unit = apart / np.maximum(np.linalg.norm(apart, axis=1), 1e-12)[:, None]
         for axis in range(3):
-            np.add.at(whole, (lengths, 3 * net.ends[:, 1] + axis), unit[:, axis])
-            np.add.at(whole, (lengths, 3 * net.ends[:, 0] + axis), -unit[:, axis])
-        return whole[:, [*range(first), *(first + k for k in self._free)]]
+            whole[lengths, 3 * net.ends[:, 1] + axis] += unit[:, axis]
+            whole[lengths, 3 * net.ends[:, 0] + axis] -= unit[:, axis]
+        return np.asarray(whole[:, self._columns])
 
-    def _cloud_part(self, whole: FloatArray, now: State, unknowns: FloatArray) -> None:
+    def _cloud_part(
+        self, whole: FloatArray, rows: IntArray, now: State, unknowns: FloatArray
+    ) -> None:
         first = 3 * len(self.network.names)
         step = np.zeros(7)
         step[self._free] = unknowns[first:]
-        rows = np.flatnonzero(self.kind == "cloud").reshape(-1, 3)
         back = now.rotation.T * math.exp(-now.log_scale)
         arm = now.points[self._cloud] - now.shift
         for axis in range(3):
@@ -272,25 +275,23 @@ class Model:
             whole[rows, first + axis] = -back[:, axis]
         swing = _left_jacobian(step[3:6])
         # The columns of cross(y) @ swing are y x (each column of swing).
+        turns = np.cross(arm[:, None, :], swing.T) @ back.T
         for axis in range(3):
-            whole[rows, first + 3 + axis] = np.cross(arm, swing[:, axis]) @ back.T
+            whole[rows, first + 3 + axis] = turns[:, axis]
         whole[rows, first + 6] = -arm @ back.T
 
     def whiten(self, values: FloatArray) -> FloatArray:
         """Bring rows, (rows,) or (rows, k), to unit variance and no correlation."""
         columns = values.reshape(len(values), -1)
-        out = columns / self.sigma()[:, None]
-        cloud = self.kind == "cloud"
+        out = columns / self._sigma[:, None]
+        cloud = self._rows[2]
         blocks = columns[cloud].reshape(-1, 3, columns.shape[1])
         out[cloud] = np.matmul(self._white, blocks).reshape(-1, columns.shape[1])
         return out.reshape(values.shape)
 
     def loose(self, unknowns: FloatArray) -> Tuple[FloatArray, FloatArray]:
         """Return values and derivatives of what little is known of everything beforehand."""
-        count = 3 * len(self.network.names)
-        weak = np.array([_SHIFT_M] * 3 + [_ANGLE] * 3 + [_LOG_SCALE])[self._free]
-        spread = np.concatenate([np.full(count, _POINT_M), weak])
-        return unknowns / spread, np.diag(1.0 / spread)
+        return unknowns / self._spread, self._loose
 
 
 def turned(angles: FloatArray) -> FloatArray:

@@ -106,11 +106,13 @@ def minimise(
         rows = model.whiten(model.computed(at) - model.observed()) * less
         return np.concatenate([rows[used], model.loose(at)[0]])
 
-    now = residuals(unknowns)
+    def slopes(at: FloatArray) -> FloatArray:
+        rows = (model.whiten(model.jacobian(at)) * less[:, None])[used]
+        return np.vstack([rows, model.loose(at)[1]])
+
+    now, slope = residuals(unknowns), slopes(unknowns)
     cost = _loss(now, robust)
     for _ in range(steps):
-        rows = (model.whiten(model.jacobian(unknowns)) * less[:, None])[used]
-        slope = np.vstack([rows, model.loose(unknowns)[1]])
         weight = (1.0 + (now / _ROBUST) ** 2) ** -0.25 if robust else np.ones(len(now))
         step = _step(slope * weight[:, None], now * weight, damping)
         trial = residuals(unknowns + step)
@@ -124,6 +126,7 @@ def minimise(
         unknowns, now, cost = unknowns + step, trial, better
         if gained <= tolerance * max(cost, 1e-9):
             break
+        slope = slopes(unknowns)
     return unknowns, cost
 
 

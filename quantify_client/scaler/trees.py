@@ -8,6 +8,7 @@ stand for billions; tags, which make objects; several documents) has no place in
 from __future__ import annotations
 
 import json
+import re
 from collections import Counter
 from dataclasses import dataclass, replace
 from typing import Any, Dict, List, Mapping, NoReturn, Optional, Sequence, Tuple
@@ -19,6 +20,8 @@ from ..errors import ControlError
 __all__ = ["Node", "quoted", "read_json", "read_yaml"]
 
 _MAX_NESTING = 8  # control files have four levels
+_DEEP = re.compile(rf"[\[{{]{{{_MAX_NESTING + 1}}}")
+_TOO_DEEP = "nested too deeply for a control file; see its format"
 _NOTHING = frozenset(["", "~", "null", "Null", "NULL"])
 _LOADER: Any = getattr(yaml, "CBaseLoader", yaml.BaseLoader)  # libyaml, where it was built in
 _MAX_QUOTED = 60
@@ -72,11 +75,7 @@ def read_yaml(text: str, file: str) -> Node:
         for event in yaml.parse(text, Loader=_LOADER):
             grower.take(event)
     except yaml.MarkedYAMLError as error:
-        line = getattr(error.problem_mark or error.context_mark, "line", None)
-        where = file if line is None else f"{file}: line {line + 1}"
-        said = " ".join(str(error.problem or error.context or "cannot be understood").split())
-        hint = "indent with blanks, not with tabs" if "token" in said else _EXPECTED
-        raise ControlError(f"{where}: not valid YAML ({said[:120]}); {hint}") from None
+        raise ControlError(_not_yaml(error, text, file)) from None
     except (yaml.YAMLError, ValueError, OverflowError) as error:
         said = " ".join(str(error).split())[:120]
         raise ControlError(f"{file}: not valid YAML ({said}); {_EXPECTED}") from None
@@ -84,6 +83,25 @@ def read_yaml(text: str, file: str) -> Node:
 
 
 _EXPECTED = "expected lines such as 'crs: EPSG:4326'"
+
+
+def _not_yaml(error: yaml.MarkedYAMLError, text: str, file: str) -> str:
+    """Say what is wrong; by the line where the parser stopped where that tells, else in its words.
+
+    The parser looks up to 1,024 characters ahead, and libyaml gives up at 1,000 levels: a line of
+    that many brackets is refused before an event tells how deep it is.
+    """
+    mark = error.problem_mark or error.context_mark
+    if mark is None:
+        return f"{file}: not valid YAML; {_EXPECTED}"
+    where = f"{file}: line {mark.line + 1}"
+    line = "".join(text.splitlines()[mark.line : mark.line + 1])
+    if _DEEP.search(line):
+        return f"{where}: {_TOO_DEEP}"
+    said = " ".join(str(error.problem or error.context or "cannot be understood").split())
+    tabbed = line.lstrip(" ").startswith("\t")
+    hint = "indent with blanks, not with tabs" if tabbed else _EXPECTED
+    return f"{where}: not valid YAML ({said[:120]}); {hint}"
 
 
 class _Grower:
@@ -111,7 +129,7 @@ class _Grower:
             self._put(Node(None if nothing else event.value, line=line), event.value)
         elif isinstance(event, (yaml.MappingStartEvent, yaml.SequenceStartEvent)):
             if len(self._open) >= _MAX_NESTING:
-                self._refuse(line, "nested too deeply for a control file; see its format")
+                self._refuse(line, _TOO_DEEP)
             self._open.append(_Branch(isinstance(event, yaml.MappingStartEvent), line))
         elif isinstance(event, (yaml.MappingEndEvent, yaml.SequenceEndEvent)):
             self._put(self._open.pop().node(), None)
@@ -188,13 +206,13 @@ def read_json(text: str, file: str) -> Node:
             "correct it there, or write YAML"
         ) from None
     except RecursionError:
-        raise ControlError(_too_deep(file)) from None
+        raise ControlError(f"{file}: {_TOO_DEEP}") from None
     return _json_node(tree, file, 0)
 
 
 def _json_node(value: Any, file: str, depth: int) -> Node:
     if depth > _MAX_NESTING:
-        raise ControlError(_too_deep(file))
+        raise ControlError(f"{file}: {_TOO_DEEP}")
     if value is None:
         return Node()
     if isinstance(value, bool):
@@ -204,7 +222,3 @@ def _json_node(value: Any, file: str, depth: int) -> Node:
     if isinstance(value, dict):
         return Node(members={k: _json_node(item, file, depth + 1) for k, item in value.items()})
     return Node(value)
-
-
-def _too_deep(file: str) -> str:
-    return f"{file}: nested too deeply for a control file; see its format"

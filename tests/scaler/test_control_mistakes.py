@@ -8,11 +8,13 @@ import time
 from pathlib import Path
 
 import pytest
+import yaml
 from controls import EXAMPLE, GCP_LIST, as_json, one_line, refusal
 from hypothesis import given
 from hypothesis import strategies as st
 
 from quantify_client.errors import ControlError
+from quantify_client.scaler import trees
 from quantify_client.scaler.control import read_control
 
 # --- mistakes
@@ -65,8 +67,8 @@ MISTAKES = [
     (bar(LENGTH, "# no unit"), "length is 2, but of what unit?"),
     ("crs: EPSG:999999\n", "control.yaml: crs: unknown CRS 'EPSG:999999'"),
     ("crs: {a: b}\n", "crs is a mapping"),
-    ("crs: EPSG:5703\n", "Vertical CRS"),
-    ("crs: EPSG:4978\n", "Geocentric CRS"),
+    ("crs: EPSG:5703\n", "or a map projection, such as"),
+    ("crs: EPSG:4978\n", "or a map projection, such as"),
     ("crs: EPSG:4807\n", "counts longitude and latitude in grad"),
     (points(HERE, "crs: EPSG:32611"), "EPSG:32611 is a projected CRS; give easting"),
     (points("easting: 5, northing: 6", "crs: EPSG:4326"), "EPSG:4326 has none; add the crs"),
@@ -220,10 +222,20 @@ def test_billion_laughs_are_refused_at_once(tmp_path: Path) -> None:
     assert time.monotonic() - start < 1.0
 
 
-def test_deep_yaml_is_refused_at_once(tmp_path: Path) -> None:
+@pytest.mark.parametrize("loader", ["CBaseLoader", "BaseLoader"])
+@pytest.mark.parametrize("opening", ["[", "{", "[{", "[ ", "{a: ", "- "])
+def test_deep_yaml_is_refused_at_once(
+    opening: str, loader: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also by a libyaml that gives up in its own words before an event tells the depth."""
+    monkeypatch.setattr(trees, "_LOADER", getattr(yaml, loader))
     start = time.monotonic()
-    assert "nested too deeply" in refusal(tmp_path, "points: " + "[" * 500_000)
+    assert "line 2: nested too deeply" in refusal(tmp_path, "points:\n " + opening * 100_000)
     assert time.monotonic() - start < 2.0
+
+
+def test_brackets_in_a_text_are_no_nesting(tmp_path: Path) -> None:
+    assert "is no key of this" in refusal(tmp_path, f"'{'[' * 20}': 1\n")
 
 
 def test_counts_are_capped(tmp_path: Path) -> None:

@@ -126,7 +126,7 @@ def test_heights_of_a_list_in_feet_are_metres(tmp_path: Path) -> None:
         ("# only this\n", "holds only comments"),
         (UTM, "holds a CRS and no rows"),
         ("EPSG:99999\n" + ROW, "line 1: unknown CRS 'EPSG:99999'"),
-        ("EPSG:5703\n" + ROW, "Vertical CRS"),
+        ("EPSG:5703\n" + ROW, "or a map projection, such as"),
         ("WGS84 UTM 11\n" + ROW, "line 1: unknown CRS"),
         (ROW, "expected the CRS of the rows before them"),
         ("3483\t729\tIMG_0031.jpg\n", "pixels and photographs without coordinates or names"),
@@ -298,7 +298,7 @@ def test_written_list_reads_back(crs, step, points, pixels, tmp_path_factory) ->
         ("EPSG:32611", PLACES, [Pick("A", "a b.jpg", 1, 1)], "has blanks in its name"),
         ("EPSG:32611", PLACES, [Pick("A", "", 1, 1)], "has blanks in its name"),
         ("EPSG:32611", PLACES, [Pick("A", "a.jpg", math.nan, 1)], "has no pixel"),
-        ("EPSG:4978", PLACES, PICKS, "Geocentric CRS"),
+        ("EPSG:4978", PLACES, PICKS, "or a map projection, such as"),
         ("nonsense", PLACES, PICKS, "unknown CRS"),
     ],
 )
