@@ -72,9 +72,8 @@ def read_vector(path: Path) -> Tuple[List[Outline], List[str]]:
             raise _unreadable(path, error) from error
     _check_size(path, outlines)
     # What pyogrio says of the file; not what numpy says to pyogrio's programmers.
-    said = [w.message for w in caught if not issubclass(w.category, DeprecationWarning)]
-    said = [str(message).replace(str(copy), path.name) for message in said]
-    notes = {" ".join(message.split())[:200] for message in said}
+    said = [str(w.message) for w in caught if not issubclass(w.category, DeprecationWarning)]
+    notes = {" ".join(text.replace(str(copy), path.name).split())[:200] for text in said}
     return outlines, [f"{path.name}: {note}" for note in sorted(notes)]
 
 

@@ -87,7 +87,7 @@ class PlyCloud:
                         values[done : done + len(rows)] = rows[f"f{column}"]
                     done += len(rows)
                 if done < wanted:
-                    raise _short(self._path, vertex.count, start + done)
+                    raise short(self._path, vertex.count, start + done)
                 yield out
 
     def _rows(
