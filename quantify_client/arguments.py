@@ -7,6 +7,7 @@ import math
 from pathlib import Path
 from typing import Any, Callable, Tuple, Union
 
+from .choices import MOST_THREADS
 from .scaler.fit import MODES
 from .sfm.presets import PRESETS
 
@@ -279,8 +280,8 @@ def _length(text: str) -> float:
 
 def _threads(text: str) -> int:
     value: int = _checked(int, text, "a whole number from 1")
-    if not 1 <= value <= 256:
-        raise argparse.ArgumentTypeError(f"{text!r} is not from 1 to 256")
+    if not 1 <= value <= MOST_THREADS:
+        raise argparse.ArgumentTypeError(f"{text!r} is not from 1 to {MOST_THREADS}")
     return value
 
 

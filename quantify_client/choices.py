@@ -10,7 +10,9 @@ from .types import Options
 from .volcalc.base import BASES
 from .volcalc.integrate import MAX_SLICES
 
-__all__ = ["check_options", "choose_shape"]
+__all__ = ["MOST_THREADS", "check_options", "choose_shape"]
+
+MOST_THREADS = 256
 
 _OBJECT_METHODS = ("section", "polar")
 _FLOORS = ("auto", "none", "plane")
@@ -35,8 +37,8 @@ def check_options(options: Options) -> Options:
         raise UsageError(f"the sigma of --density is {sigma}; give tonnes per cubic metre from 0")
     if options.method is not None and options.method not in _OBJECT_METHODS:
         raise UsageError(f"--method is {options.method}; give {' or '.join(_OBJECT_METHODS)}")
-    if options.threads < 0:
-        raise UsageError(f"--threads is {options.threads}; give a number from 1")
+    if not 0 <= options.threads <= MOST_THREADS:
+        raise UsageError(f"--threads is {options.threads}; give a number from 1 to {MOST_THREADS}")
     return options
 
 

@@ -166,3 +166,33 @@ def test_where_no_record_can_be_kept_submit_works_and_says_so(known, submit, tmp
     status, _, err = submit("--area", known.area)
     assert status == 0, err
     assert "--images" in next(line for line in err.splitlines() if line.startswith("Note: "))
+
+
+def test_result_larger_than_it_may_be_is_fetched_once_that_is_said(known, submit, run, tmp_path):
+    status, _, err = submit("--area", known.area, "--max-size", "0.0001")
+    assert status == 1
+    assert "more than the 0.1 MB" in err.splitlines()[-1]
+    assert "--max-size" in err.splitlines()[-1]
+    assert not list((tmp_path / "job").glob("all.zip*"))
+    status, _, err = run("resume", tmp_path / "job", "--max-size", "1")
+    assert status == 0, err
+
+
+@pytest.mark.parametrize("size", ["0", "-1", "nan", "inf", "x"])
+def test_size_that_is_none(submit, size):
+    status, out, err = submit("--max-size", size)
+    assert (status, out) == (2, "")
+    assert "--max-size" in err
+
+
+def test_what_is_ignored_is_told_in_the_plan(known, node, run, tmp_path):
+    shutil.copytree(known.photos[0].parent, tmp_path / "photos")
+    (tmp_path / "photos" / "IMG_1.HEIC").write_bytes(b"\0\0\0\x18ftypheic")
+    shutil.copytree(known.photos[0].parent, tmp_path / "photos" / "102MEDIA")
+    where = ("--node", node.url, "--out", tmp_path / "job", "--dry-run")
+    status, out, _ = run("submit", tmp_path / "photos", *where)
+    assert status == 0
+    notes = [line for line in out.splitlines() if line.startswith("Note: Not sent")]
+    assert ["HEIC" in notes[0], "102MEDIA" in notes[1]] == [True, True]
+    status, out, _ = run("submit", tmp_path / "photos", *where, "--json")
+    assert len([text for text in json.loads(out)["warnings"] if "Not sent" in text]) == 2

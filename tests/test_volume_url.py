@@ -21,8 +21,7 @@ from quantify_client.cloud import ept_index
 from quantify_client.errors import CloudError, OutputError, QuantifyError, ServerError, UsageError
 from quantify_client.pipeline import describe, scale
 from quantify_client.report import to_json
-from quantify_client.sfm import http as sfm_http
-from quantify_client.sfm import webodm_cloud
+from quantify_client.sfm import saving, webodm_cloud
 from quantify_client.sfm.access import Access
 
 PILE = cone(radius=2.0, top=2.0, x=6.0, y=6.0)
@@ -278,7 +277,7 @@ def test_tile_larger_than_its_points_can_be_is_refused(server, url, area, monkey
 
 
 def test_full_disk_is_told_without_the_temporary_name(url, monkeypatch, folder):
-    monkeypatch.setattr(sfm_http, "SPARE_BYTES", 1 << 60)
+    monkeypatch.setattr(saving, "SPARE_BYTES", 1 << 60)
     with pytest.raises(OutputError, match="set TMPDIR to a larger disk") as caught:
         measure(url, access=KNOWN)
     assert "quantify-" not in str(caught.value)

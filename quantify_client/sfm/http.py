@@ -1,4 +1,4 @@
-"""One request to a server, done carefully; the only module that knows requests.
+"""One request to a server, done carefully; with `watching` and `saving` all that knows requests.
 
 Each request has a connection of its own: a kept one may be closed by the other side just when a
 file is on its way, and then nobody knows whether the file arrived. Secrets never get into a

@@ -165,6 +165,7 @@ def test_damage_is_told_in_one_sentence(jobs, capsys, monkeypatch, seed, state, 
         ({"then": {"units": "furlongs"}}, "'units'"),
         ({"then": {"options": {"area": 5}}}, "'area'"),
         ({"then": {"options": {"slices": 0}}}, "--slices is 0"),
+        ({"then": {"options": {"threads": 1_000_000}}}, "--threads is 1000000"),
     ],
 )
 def test_what_is_wrong_is_named(jobs, capsys, changes, said):

@@ -91,7 +91,20 @@ def nested(count=5000):
     return b"II*\0" + struct.pack("<I", 8) + b"\xff\xff" * (6 * count) + bytes(4 << 20)
 
 
+def chained(count=64):
+    """Directories one after another, each of which has all of the file for its strips' places."""
+    length = 2 + 5 * 12 + 4
+    data = b"II*\0" + struct.pack("<I", 8)
+    zeros = 8 + count * length
+    for number in range(count):
+        table = (struct.pack("<HHII", tag, 4, 1 << 20, zeros) for tag in (273, 279, 324, 325, 330))
+        following = 8 + (number + 1) * length if number + 1 < count else 0
+        data += struct.pack("<H", 5) + b"".join(table) + struct.pack("<I", following)
+    return data + bytes(4 << 20)
+
+
 HOSTILE = {
+    "chained": chained(),
     "entries": tiff(MANY, bytes(4 << 20)),
     "nested": nested(),
     "itself": bytes(
