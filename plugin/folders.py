@@ -59,7 +59,7 @@ class JobFolder:
     def about(self):
         """Return whose job it is; None where there is no such job."""
         about = self.read("job.json")
-        return about if isinstance(about, dict) and _ABOUT <= about.keys() else None
+        return about if isinstance(about, dict) and about.keys() >= _ABOUT else None
 
     def asked(self):
         """Return what is to be measured."""
