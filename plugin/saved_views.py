@@ -3,6 +3,7 @@
 import contextlib
 import importlib
 
+from django.db.models import F
 from django.http import HttpResponse
 from rest_framework import exceptions
 
@@ -47,17 +48,30 @@ def _read(task, saved):
 
 
 @contextlib.contextmanager
-def _changing(task):
-    """Change what a task has saved, one request at a time; its size is told to WebODM."""
+def _changing(task, saved):
+    """Yield the path of a measurement to change, to one request at a time.
+
+    WebODM is told by how much its task grew. Its own way to find out reads every folder of the
+    task, and then waits for the broker, which may not answer.
+    """
     try:
         with one_at_a_time(jobs_root()):
-            yield plugin_here()
+            path = saved_path(task, saved)
+            before = _size(path)
+            yield path
+            grown = (_size(path) - before) / 1024 / 1024
     except UnreadableError as error:
         words = "move it away, or ask WebODM's administrator"
         raise refused(409, f"nothing can be saved with this task: {error}; {words}") from None
     # The size alone: everything else of the task may have changed since it was read.
-    task.update_size()
-    type(task).objects.filter(pk=task.pk).update(size=task.size)
+    type(task).objects.filter(pk=task.pk).update(size=F("size") + grown)
+
+
+def _size(path):
+    try:
+        return path.lstat().st_size
+    except FileNotFoundError:
+        return 0
 
 
 def _shown(request, document, names):
@@ -107,8 +121,8 @@ class Measurements(VolumeView):
         # Checked before it is written: what is kept can be read again.
         document = checked_document(document)
         user = (folder.about() or {}).get("user_name")
-        with _changing(task) as plugin:
-            path = saved_path(task, document["id"])
+        plugin = plugin_here()
+        with _changing(task, document["id"]) as path:
             path.parent.mkdir(parents=True, exist_ok=True)
             full = why_full(task, document["id"])
             if full is not None:
@@ -135,8 +149,7 @@ class OneMeasurement(VolumeView):
         name = checked_name(asked.get("name"))
         with _reading():
             document = {**_read(task, saved), "name": name}
-        with _changing(task):
-            path = saved_path(task, saved)
+        with _changing(task, saved) as path:
             if not path.exists():
                 raise exceptions.NotFound("there is no such measurement")
             write_document(path, document)
@@ -147,9 +160,10 @@ class OneMeasurement(VolumeView):
         task = self.task(request, pk, change=True)
         if not is_id(saved):
             raise exceptions.NotFound("there is no such measurement")
-        with _changing(task) as plugin:
+        plugin = plugin_here()
+        with _changing(task, saved) as path:
             try:
-                saved_path(task, saved).unlink()
+                path.unlink()
             except FileNotFoundError:
                 raise exceptions.NotFound("there is no such measurement") from None
             records.forget(plugin, task, saved)

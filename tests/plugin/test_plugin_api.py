@@ -96,9 +96,21 @@ def test_saved_measurement_is_listed_shown_and_renamed(host, beach_task, kept):
     assert host.owner.ask("PATCH", one, {"name": "round"}).status == 200
 
 
-def test_size_of_the_task_grows_with_what_is_saved(host, kept):
-    found = host.owner.get(f"/api/projects/{host.projects['Beach']}/tasks/{host.tasks['Beach']}/")
-    assert found.json["size"] > 2.8
+def test_size_of_the_task_follows_what_is_saved(host):
+    task, project = host.tasks["Mine"], host.projects["Mine"]
+
+    def size():
+        return host.owner.get(f"/api/projects/{project}/tasks/{task}/").json["size"] * 1024**2
+
+    before = size()
+    saved = host.owner.saved(task)["id"]
+    path = host.assets("Mine") / "volcalc" / f"{saved}.json"
+    assert size() - before == pytest.approx(path.stat().st_size)
+    one = f"{API}/{task}/measurements/{saved}"
+    assert host.owner.ask("PATCH", one, {"name": "a longer name"}).status == 200
+    assert size() - before == pytest.approx(path.stat().st_size)
+    assert host.owner.ask("DELETE", one).status == 204
+    assert size() == pytest.approx(before)
 
 
 def test_layers_show_the_area(kept):

@@ -16,7 +16,12 @@ def cancelled(host, beach_task):
     host.owner.post("/test/worker/go")
     assert waiting.status == 409
     assert "goes on" in waiting.error
-    return job
+    before = {each["job"] for each in host.owner.get(root).json} - {job}
+    yield job
+    for whose in (host.owner, host.changer):
+        for each in whose.get(root).json:
+            if each["job"] not in before:
+                assert whose.post(f"{root}/{each['job']}/drop").status == 204
 
 
 def test_the_new_one_takes_its_place_and_measures_the_same(host, beach_task, cancelled):

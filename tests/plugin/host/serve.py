@@ -161,6 +161,7 @@ def _task(project, name: str, *, ept: bool = False, laz: bool = False, day: int,
         shutil.copy(DEMO, model)
     if ept:
         _write_tiles(Path(task.assets_path("entwine_pointcloud")))
+    task.update_size()
 
 
 def _write_tiles(folder: Path) -> None:

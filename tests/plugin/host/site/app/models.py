@@ -11,13 +11,6 @@ from django.db import models
 from django.utils import timezone
 
 
-class Profile:
-    """What update_size tells the owner of a project."""
-
-    def clear_used_quota_cache(self):
-        """Nothing to do."""
-
-
 class Project(models.Model):
     """A project of one owner."""
 
@@ -130,11 +123,10 @@ class Task(models.Model):
             points = found.get("reconstruction_statistics", {}).get("reconstructed_points_count")
         return {"pointcloud": {"points": points}}
 
-    def update_size(self, commit=False):
+    def update_size(self):
         """Add up the files, in megabytes."""
         total = 0
         for folder, _, names in os.walk(self.task_path()):
             total += sum(os.path.getsize(os.path.join(folder, name)) for name in names)
         self.size = total / 1024 / 1024
-        if commit:
-            self.save()
+        self.save()
