@@ -8,11 +8,12 @@ import contextlib
 import inspect
 import itertools
 import json
+import time
 
 __all__ = ["BrokerError", "enqueue", "holds"]
 
 #: Of each step of a connection; a call takes a few of them at most.
-_LIMIT_S = 2.0
+_LIMIT_S, _WHOLE_S = 2.0, 5.0
 _PAGE, _MOST_MESSAGES = 500, 20_000
 
 
@@ -70,7 +71,10 @@ def holds(message):
 
 def _pages(client, queue):
     """Yield the messages of a queue; new ones come in front, so that none is passed over."""
+    ends = time.monotonic() + _WHOLE_S
     for start in range(0, _MOST_MESSAGES, _PAGE):
+        if time.monotonic() > ends:
+            raise BrokerError("the broker is slow")
         page = client.lrange(queue, start, start + _PAGE - 1)
         if not page:
             return

@@ -40,6 +40,7 @@ ENDED = ("done", "failed", "cancelled", "lost")
 _MOST_OF_USER, _MOST_JOBS, _MOST_BYTES = 50, 500, 1_000_000_000
 _SWEEP_S = 60.0
 _DAY_S = 24 * 3600.0
+_ABOUT = {"task", "user", "user_name", "name", "assets", "created"}
 _SMALL = 100_000  # of job.json and state.json, which hold a few texts
 _LOST_RUNNING = "the worker was stopped in the middle of this measurement; start it again"
 _LOST_QUEUED = (
@@ -57,7 +58,8 @@ class JobFolder:
 
     def about(self):
         """Return whose job it is; None where there is no such job."""
-        return self.read("job.json")
+        about = self.read("job.json")
+        return about if isinstance(about, dict) and about.keys() >= _ABOUT else None
 
     def asked(self):
         """Return what is to be measured."""

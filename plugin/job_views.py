@@ -1,6 +1,7 @@
 """Views on jobs: measurements that wait, run or have ended, and are not saved yet."""
 
 from django.http import HttpResponse
+from rest_framework.exceptions import NotFound
 
 from .base import VolumeView, jobs_root, refused
 from .checks import checked_control, checked_name, checked_options
@@ -49,7 +50,11 @@ class OneJob(VolumeView):
     def get(self, request, pk=None, job=None):
         """Say how it goes."""
         folder = self.job(request, self.task(request, pk), job)
-        return self.answer(job_row(folder, folder.about() or {}, all_jobs(jobs_root())))
+        jobs = all_jobs(jobs_root())
+        rows = [job_row(one, about, jobs) for one, about in jobs if one.job == folder.job]
+        if not rows:
+            raise NotFound("this measurement was forgotten meanwhile")
+        return self.answer(rows[0])
 
     def delete(self, request, pk=None, job=None):
         """End it; one that has ended already stays as it is."""

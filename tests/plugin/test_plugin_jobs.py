@@ -29,7 +29,9 @@ def folders():
 
 def new_job(folders, root, **about):
     return folders.new_job(
-        root, {"task": "t", "user": 1, "name": "pile", "assets": str(root), **about}, {}
+        root,
+        {"task": "t", "user": 1, "user_name": "u", "name": "pile", "assets": str(root), **about},
+        {},
     )
 
 

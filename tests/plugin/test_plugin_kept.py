@@ -197,7 +197,7 @@ def full_disk(*_, **__):
 
 def test_job_on_a_full_disk_says_so(work, tmp_path, monkeypatch):
     folders = sys.modules["volcalc_full.folders"]
-    about = {"task": "t", "user": 1, "name": "pile", "assets": str(tmp_path)}
+    about = {"task": "t", "user": 1, "user_name": "u", "name": "pile", "assets": str(tmp_path)}
     folder = folders.new_job(tmp_path, about, {"sources": {}, **about})
     for module in (work, folders):
         monkeypatch.setattr(module, "write_json", full_disk)
@@ -210,7 +210,7 @@ def test_job_on_a_full_disk_says_so(work, tmp_path, monkeypatch):
 
 def test_function_of_the_worker_says_that_the_disk_is_full(work, tmp_path, monkeypatch):
     folders = sys.modules["volcalc_full.folders"]
-    about = {"task": "t", "user": 1, "name": "pile", "assets": str(tmp_path)}
+    about = {"task": "t", "user": 1, "user_name": "u", "name": "pile", "assets": str(tmp_path)}
     folder = folders.new_job(tmp_path, about, {})
     functions = types.ModuleType("app.plugins.functions")
     functions.get_plugin_by_name = full_disk
@@ -228,7 +228,7 @@ def test_function_of_the_worker_says_that_the_disk_is_full(work, tmp_path, monke
 
 def test_cancelled_job_ends_its_process_where_it_hears_nothing(work, tmp_path, monkeypatch):
     folders = sys.modules["volcalc_full.folders"]
-    about = {"task": "t", "user": 1, "name": "pile", "assets": str(tmp_path)}
+    about = {"task": "t", "user": 1, "user_name": "u", "name": "pile", "assets": str(tmp_path)}
     folder = folders.new_job(tmp_path, about, {})
     ended = []
     monkeypatch.setattr(work, "_PATIENCE_S", 0.5)

@@ -118,7 +118,7 @@ def test_anybody_may_list_and_open_them(host, crowded):
     for path in ("measurements", "series", ""):
         began = time.perf_counter()
         assert host.nobody.get(f"{root}/{path}").status == 200
-        assert time.perf_counter() - began < 2.0  # 0.1 s on a machine that does nothing else
+        assert time.perf_counter() - began < 5.0  # 0.1 s on a machine that does nothing else
     rows = {row["id"]: row for row in host.nobody.get(f"{root}/measurements").json}
     assert all(rows[one]["readable"] for one in saved)
     one = host.nobody.get(f"{root}/measurements/{saved[-1]}")
@@ -187,7 +187,7 @@ def test_file_that_would_fill_the_memory_is_refused(host, kept, dense):
         path.unlink()
     assert found.status == 422
     assert "too many values" in found.error
-    assert time.perf_counter() - began < 2.0
+    assert time.perf_counter() - began < 5.0
 
 
 def test_pipe_in_the_place_of_a_file_keeps_nobody_waiting(host, beach_task, kept):
