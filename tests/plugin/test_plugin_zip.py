@@ -144,9 +144,9 @@ def test_nothing_but_webodms_own_is_imported_when_the_plugin_loads():
 
 
 STANDARD = {
-    *("base64", "binascii", "contextlib", "copy", "fcntl", "functools", "hashlib", "importlib"),
-    *("json", "logging", "math", "os", "pathlib", "re"),
-    *("shutil", "time", "unicodedata", "uuid"),
+    *("base64", "binascii", "contextlib", "copy", "datetime", "errno", "fcntl", "functools"),
+    *("hashlib", "importlib", "inspect", "itertools", "json", "logging", "math", "os", "pathlib"),
+    *("re", "shutil", "stat", "time", "unicodedata", "uuid"),
 }
 
 
