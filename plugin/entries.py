@@ -111,8 +111,7 @@ def _without_head(path, size, budget):
     key = (str(path), about.st_ino, about.st_size, about.st_mtime_ns)
     if key in _known:
         return json.loads(_known[key])
-    budget.take(min(size, _FRONT_BYTES))
-    entry = _read_front(path, size)
+    entry = _read_front(path, size, budget)
     text = json.dumps(entry)
     if len(text) < _LONGEST_KNOWN:
         if len(_known) >= _MOST_KNOWN:
@@ -121,12 +120,14 @@ def _without_head(path, size, budget):
     return entry
 
 
-def _read_front(path, size):
+def _read_front(path, size, budget):
     """Check a small file whole, and of a large one what comes before its layers."""
     data, _ = read_head(path, _FRONT_BYTES)
     if size <= _FRONT_BYTES:
+        budget.take(size)
         return entry_from(checked_document(parsed(data)))
     layers = _LAYERS.search(data)
     if layers is None:
         raise NotReadError("too large to be told of here: open it")
+    budget.take(layers.start())
     return entry_from(checked_front(parsed(data[: layers.start()] + b"}")))
