@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 from bounded import measured
 from clouds import write_las
-import shapely
 from drawn import collection, feature
 
 from quantify_client.crs import geometry_to_wgs84, measuring_frame
