@@ -16,9 +16,13 @@ import pytest
 import sized
 import yaml
 from commands import PILE
+from nodeodm import TOKEN
 from test_gcp_command import STEEP, with_picks
 
-pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals")
+pytestmark = [
+    pytest.mark.skipif(sys.platform == "win32", reason="signals"),
+    pytest.mark.one_python,  # each takes a process of its own or two
+]
 
 # A command whose writing, which is its last step, says that it is there and then takes long.
 SLOW = """
@@ -96,8 +100,10 @@ def arguments(site, tmp_path):
     }
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-@pytest.mark.parametrize("command", WRITING)
+@pytest.mark.parametrize(
+    ("command", "number"),
+    [*((command, signal.SIGTERM) for command in WRITING), ("gcp", signal.SIGHUP)],
+)
 def test_a_signal_ends_a_command_as_ctrl_c_does(
     command, number, begin, arguments, tmp_path, temporary
 ):
@@ -185,7 +191,7 @@ def test_what_runs_in_the_process_is_given_back_its_signals(monkeypatch):
     assert (signal.getsignal(signal.SIGTERM), sys.stdout, sys.stderr) == before
 
 
-def test_a_signal_ends_pip_too(begin, tmp_path, temporary):
+def test_a_signal_ends_pip_too(begin, tmp_path, temporary, monkeypatch):
     # A pip that leaves something in TMPDIR and then takes long.
     (tmp_path / "pip").mkdir()
     (tmp_path / "pip" / "__main__.py").write_text(
@@ -195,12 +201,9 @@ def test_a_signal_ends_pip_too(begin, tmp_path, temporary):
         f"os.rename({str(tmp_path / 'pid.new')!r}, {str(tmp_path / 'pid')!r})\n"
         "time.sleep(60)\n"
     )
-    before = os.environ.get("PYTHONPATH", "")
-    os.environ["PYTHONPATH"] = f"{tmp_path}{os.pathsep}{before}"
-    try:
-        process = begin("plugin", "--offline", "--out", tmp_path / "dist")
-    finally:
-        os.environ["PYTHONPATH"] = before
+    (tmp_path / "pip" / "__init__.py").touch()
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
+    process = begin("plugin", "--offline", "--out", tmp_path / "dist")
     deadline = time.monotonic() + 60
     while not (tmp_path / "pid").exists():
         assert process.poll() is None
@@ -218,9 +221,13 @@ def test_a_signal_ends_pip_too(begin, tmp_path, temporary):
 # --- submit and resume
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-@pytest.mark.parametrize("during", ["uploading", "processing"])
-def test_a_signal_leaves_a_job_that_resumes(during, number, known, node, begin, run, tmp_path):
+@pytest.mark.parametrize(
+    ("during", "number"), [("uploading", signal.SIGTERM), ("processing", signal.SIGHUP)]
+)
+def test_a_signal_leaves_a_job_that_resumes(
+    during, number, known, node, begin, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("QUANTIFY_NODE_TOKEN", TOKEN)
     node.script = [(20, 5.0)] * 10_000
     node.slow_s = 0.5 if during == "uploading" else 0.0
     job = tmp_path / "job"
@@ -249,7 +256,7 @@ def test_a_signal_leaves_a_job_that_resumes(during, number, known, node, begin, 
 # --- what cannot clean up: SIGKILL
 
 
-@pytest.mark.parametrize("command", ["demo", "scale", "plugin"])
+@pytest.mark.parametrize("command", ["scale", "plugin"])
 def test_what_a_killed_run_left_is_swept_by_the_next(
     command, begin, arguments, tmp_path, temporary
 ):
