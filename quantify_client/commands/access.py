@@ -32,6 +32,7 @@ def node_token(given: argparse.Namespace) -> Optional[str]:
     from ..sfm.node import split_token  # with pyodm, which measuring does without
 
     apart = token_of(given) or os.environ.get(NODE_TOKEN, "").strip() or None
+    _require_text(apart)
     return split_token(getattr(given, "node", None) or "", apart)[1]
 
 
@@ -41,8 +42,10 @@ def access_of(given: argparse.Namespace) -> Access:
     Where no source is on a server the environment is left alone, mistakes in it too.
     """
     token = token_of(given)
+    _require_text(token)
     asked = "sources" not in given or any(is_address(source) for source in given.sources)
     found = Access.from_environment() if asked and not token else Access()
+    _require_text(found.user, found.password)
     return Access(
         user=found.user,
         password=found.password,
@@ -50,6 +53,16 @@ def access_of(given: argparse.Namespace) -> Access:
         ca=getattr(given, "ca", None),
         insecure=getattr(given, "insecure", False),
     )
+
+
+def _require_text(*secrets: Optional[str]) -> None:
+    """Refuse what no request can hold; the message tells nothing of it."""
+    try:
+        "".join(secret or "" for secret in secrets).encode()
+    except UnicodeEncodeError:
+        raise InputError(
+            "the token, user or password holds bytes that are not UTF-8; give it as UTF-8"
+        ) from None
 
 
 def _read_token(path: Path) -> str:
