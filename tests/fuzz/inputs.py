@@ -317,7 +317,9 @@ def _jobs(root: Path) -> List[Case]:
         more = ((), ("--json",), ("--resubmit",), ("--cancel",))
         cases.append(Case(folder.name, tuple(targets), tuple((*resume, *m) for m in more[:3])))
         if state == "waiting":
-            cases[-1] = Case(folder.name, tuple(targets), tuple((*resume[:2], *m) for m in more[3:]))
+            cases[-1] = Case(
+                folder.name, tuple(targets), tuple((*resume[:2], *m) for m in more[3:])
+            )
     return cases
 
 
