@@ -53,7 +53,8 @@ class Run:
 
     def start(self) -> None:
         """Fork, and run the command in the child; return in the parent."""
-        for name in ("cwd", "tmp"):
+        made = () if self.command[0] == "volume" else ("out",)  # that makes it itself
+        for name in ("cwd", "tmp", *made):
             (self.work / name).mkdir()
         self.before = _contents(self.work / "in")
         sys.stdout.flush()
