@@ -6,6 +6,7 @@
 # make test-live   the tests that take a real server: NODEODM_URL=http://... (docs/servers.md)
 # make test-webodm   clicks in a real WebODM: WEBODM_URL, WEBODM_USER, WEBODM_PASSWORD (docs/webodm.md)
 # make plugin  build the WebODM plugin: dist/volcalc-offline.zip and dist/volcalc.zip (docs/webodm.md)
+# make fuzz    2,000 damaged inputs given to the real command (RUNS=n SEED=n; tests/fuzz/run.py)
 # make coverage   the tests once more, with the lines that none of them reaches
 # make lint    the checks that need no test run        make format   let ruff mend what it can
 # make clean   remove what these made
@@ -48,8 +49,8 @@ DEV_LOCK := $(wildcard $(call LOCK,$(DEV_VERSION)))
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo plugin test test-newest test-live test-webodm lock lint lint39 format suite suite39 say \
-	say39 coverage clean
+.PHONY: demo plugin test test-newest test-live test-webodm fuzz lock lint lint39 format suite suite39 \
+	say say39 coverage clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -93,6 +94,9 @@ test-webodm: $(DEV)/.ready
 	@test -n "$(WEBODM_URL)" || { echo "make: WEBODM_URL, WEBODM_USER and WEBODM_PASSWORD are not set:" \
 	  "give a WebODM of yours whose plugin volcalc may be replaced (docs/webodm.md)" >&2; exit 1; }
 	$(DEV)/bin/python -m pytest -v tests/panel/test_live.py tests/jobs/test_webodm_live.py
+
+fuzz: $(DEV)/.ready
+	$(DEV)/bin/python tests/fuzz/run.py --runs $(or $(RUNS),2000) --seed $(or $(SEED),1)
 
 coverage: $(DEV)/.ready
 	MPLBACKEND=Agg $(DEV)/bin/python -m pytest -n $(JOBS) --cov

@@ -102,7 +102,9 @@ def test_report_has_the_outline_in_degrees(points, run, tmp_path):
 
 
 def test_control_in_such_a_crs_is_read(run, tmp_path):
-    rows = [f"{500000 + 10 * i} {5000000 + i * i} {100 + i} 700 800 I{i}.jpg M{i}" for i in range(4)]
+    rows = [
+        f"{500000 + 10 * i} {5000000 + i * i} {100 + i} 700 800 I{i}.jpg M{i}" for i in range(4)
+    ]
     (tmp_path / "gcp_list.txt").write_text("\n".join([ODM, *rows]) + "\n")
     out = tmp_path / "out.txt"
     status, _, err = run("gcp", tmp_path / "gcp_list.txt", "--to", "odm", "--out", out)

@@ -24,7 +24,7 @@ _TYPES = {
     **dict.fromkeys(("double", "float64"), "f8"),
 }
 _MAX_HEADER = 1 << 20
-_MAX_COLUMNS = 1000  # properties of all elements; sixty are many
+_MAX_COLUMNS = 1000  # properties of an element; sixty are many
 
 
 @dataclass(frozen=True)
@@ -114,6 +114,11 @@ def read_header(path: Path, stream: BinaryIO) -> PlyHeader:
             order = ORDERS.get(words[1] if len(words) > 1 else "")
         elif words and words[0] in ("element", "property"):
             _add(path, number, words, elements)
+            if elements and len(elements[-1].properties) > _MAX_COLUMNS:
+                raise CloudError(
+                    f"{path}: has more than {_MAX_COLUMNS} properties in one element of its PLY "
+                    "header; expected those of a point cloud: export it again"
+                )
     return _checked(path, order, PlyHeader(order or "", tuple(elements), stream.tell(), number))
 
 
@@ -131,11 +136,6 @@ def _add(path: Path, number: int, words: List[str], elements: List[Element]) -> 
         else:
             column = Property(words[2], _TYPES[words[1]])
         last = elements[-1]
-        if len(last.properties) >= _MAX_COLUMNS:
-            raise CloudError(
-                f"{path}: has more than {_MAX_COLUMNS} properties in one element of its PLY "
-                "header; expected those of a point cloud: export it again"
-            )
         elements[-1] = Element(last.name, last.count, (*last.properties, column))
     except (IndexError, KeyError, ValueError):
         raise CloudError(

@@ -23,6 +23,8 @@ from terrains import EAST, LEVEL, NORTH, Errors, survey
 OUT = "../out"
 REFUSED = "http://127.0.0.1:9"  # discard: nothing listens there
 _POINTS = 1500
+_LOCAL = ("ascii.ply", "big.ply", "table.csv", "rows.xyz")  # near their own zero
+_SILENT = ("little.ply", "note.txt", "tree.copc.laz")  # in UTM, without saying so
 
 
 @dataclass(frozen=True)
@@ -51,8 +53,11 @@ def write_cases(root: Path) -> List[Case]:
 def _case(root: Path, name: str, cloud: str, targets: Sequence[str] = ()) -> Case:
     """Complete a cloud by an area and control, and list what can be done with it."""
     folder = root / name
-    (folder / "area.geojson").write_text(features(PILE.area, names=["pile"]))
-    (folder / "scale.json").write_text(json.dumps(_taped()))
+    moved = (-EAST, -NORTH) if name in _LOCAL else (0.0, 0.0)
+    crs = None if name in (*_LOCAL, *_SILENT) else UTM
+    drawn = shapely.affinity.translate(PILE.area, *moved)
+    (folder / "area.geojson").write_text(features(drawn, names=["pile"], crs=crs))
+    (folder / "scale.json").write_text(json.dumps(_taped(*moved)))
     path = f"../in/{cloud}"
     area, control = ("--area", "../in/area.geojson"), ("--gcp", "../in/scale.json")
     return Case(
@@ -71,11 +76,12 @@ def _case(root: Path, name: str, cloud: str, targets: Sequence[str] = ()) -> Cas
     )
 
 
-def _taped() -> Dict[str, Any]:
-    marks = {"A": [5.0, 5.0], "B": [35.0, 5.0], "C": [20.0, 35.0]}
+def _taped(east: float, north: float) -> Dict[str, Any]:
+    at = {"A": [5.0, 5.0], "B": [35.0, 5.0], "C": [20.0, 35.0]}
+    xyz = {name: [x + east + EAST, y + north + NORTH, LEVEL] for name, (x, y) in at.items()}
     return {
         "unit": "m",
-        "cloud": {n: {"xyz": [x + EAST, y + NORTH, LEVEL]} for n, (x, y) in marks.items()},
+        "cloud": {name: {"xyz": place} for name, place in xyz.items()},
         "distances": [{"from": "A", "to": "B", "length": 30.3, "accuracy": 0.01}],
     }
 
@@ -120,7 +126,7 @@ def _tables(root: Path) -> List[Case]:
     faces = "element face 2\nproperty list uchar int vertex_indices\n"
     rows = np.array([(3, 0, 1, 2)] * 2, "u1,<i4,<i4,<i4").tobytes()
     written: Dict[str, Callable[[Path], Any]] = {
-        "ascii.ply": lambda path: write_ply(path, local[:400], "ascii"),
+        "ascii.ply": lambda path: write_ply(path, local, "ascii"),
         "little.ply": lambda path: write_ply(path, xyz, before=faces, before_data=rows),
         "big.ply": lambda path: write_ply(path, local, "binary_big_endian", "float"),
         "table.csv": lambda path: write_text(path, local[:800], header="x,y,z"),
@@ -216,16 +222,16 @@ def _controls(root: Path) -> List[Case]:
     rows = [f"{x:.3f} {y:.3f} {z:.3f} 700 800 I{i}.jpg M{i}" for i, (x, y, z) in enumerate(at)]
     (folder / "gcp_list.txt").write_text("\n".join(["EPSG:32617", *rows]) + "\n")
     write_las(folder / "cloud.las", delivered(_site()), crs="EPSG:32617")
+    (folder / "table.json").write_text(json.dumps({**given, "points": "points.csv"}))
     cases = []
     for name in ("control.json", "control.yaml", "points.csv", "gcp_list.txt"):
-        path, cloud = f"../in/{name}", "../in/cloud.las"
-        odm = ("--to", "odm", "--out", f"{OUT}/gcp_list.txt")
-        commands = (
-            *(("gcp", path), ("gcp", path, "--json"), ("gcp", path, *odm)),
-            ("scale", cloud, "--gcp", path, "--out", f"{OUT}/scaled.las"),
-            ("volume", cloud, "--gcp", path, "--json"),
-        )
-        cases.append(Case(name, (name,), commands))
+        path = f"../in/{'table.json' if name == 'points.csv' else name}"
+        commands: List[Sequence[str]] = [("gcp", path), ("gcp", path, "--json")]
+        if name != "gcp_list.txt":
+            with_cloud = ("../in/cloud.las", "--gcp", path)
+            commands.append(("scale", *with_cloud, "--out", f"{OUT}/scaled.las"))
+            commands.append(("volume", *with_cloud, "--json"))
+        cases.append(Case(name, (name,), tuple(commands)))
         os.symlink(folder, root / name)
     return cases
 
@@ -267,6 +273,8 @@ def _projects(root: Path) -> List[Case]:
             rows.append(f"nan nan nan {pick.px:.3f} {pick.py:.3f} {pick.image} {pick.name}")
     (folder / "picks.txt").write_text("\n".join(rows) + "\n")
     (folder / "control.json").write_text(json.dumps(control_of(places())))
+    rtk = control_of(places(), sigma=0.01, levelled=True)
+    (folder / "rtk.json").write_text(json.dumps(rtk))
     with zipfile.ZipFile(folder / "all.zip", "w", zipfile.ZIP_DEFLATED) as archive:
         for path in sorted(p for p in made.rglob("*") if p.is_file()):
             archive.write(path, path.relative_to(made).as_posix())
@@ -283,6 +291,7 @@ def _with_photographs(source: str) -> Tuple[Sequence[str], ...]:
     control = ("--gcp", "../in/control.json")
     return (
         ("info", source),
+        ("gcp", "../in/rtk.json", "--to", "odm", "--out", f"{OUT}/gcp_list.txt"),
         ("volume", source, "--json"),
         ("volume", source, *control),
         ("scale", source, *control, "--out", f"{OUT}/scaled.laz"),
@@ -317,7 +326,9 @@ def _jobs(root: Path) -> List[Case]:
         more = ((), ("--json",), ("--resubmit",), ("--cancel",))
         cases.append(Case(folder.name, tuple(targets), tuple((*resume, *m) for m in more[:3])))
         if state == "waiting":
-            cases[-1] = Case(folder.name, tuple(targets), tuple((*resume[:2], *m) for m in more[3:]))
+            cases[-1] = Case(
+                folder.name, tuple(targets), tuple((*resume[:2], *m) for m in more[3:])
+            )
     return cases
 
 

@@ -1,4 +1,4 @@
-"""Ways to damage a file: any bytes, lines of text, trees of JSON, fields of headers, members of zips.
+"""Ways to damage a file: any bytes, lines of text, nodes of JSON, fields of headers, zip members.
 
 Each takes the file's bytes and a random generator and returns other bytes. Which ones a file can
 meet is told by its ending.
@@ -16,13 +16,32 @@ from typing import Any, Callable, Dict, List, Sequence, Tuple
 
 Damage = Callable[[bytes, Random], bytes]
 
-_INTEGERS = (0, 1, -1, 2, 255, 2**15, 2**16 - 1, 2**31 - 1, 2**31, 2**32 - 1, 2**62, 2**63, 2**64 - 1)
+_INTEGERS = (
+    0,
+    1,
+    -1,
+    2,
+    255,
+    2**15,
+    2**16 - 1,
+    2**31 - 1,
+    2**31,
+    2**32 - 1,
+    2**62,
+    2**63,
+    2**64 - 1,
+)
 _DOUBLES = (0.0, -0.0, 1.0, -1.0, 5e-324, 1e18, -1e18, 1e300, -1e300, *map(float, ("nan", "inf")))
 _WORDS = (
     *("0", "-1", "1e18", "-1e18", "1e300", "1e-320", "1e999", "nan", "inf", "9" * 25, "1" * 5000),
     *("", '"', "'", "x", "true", "null", "~", "[", "{", "&a", "*a", "!!python/name:os.system"),
     *("\u00fc", "\u202e", "\x00", "\x1b[31m", "\ufeff", "EPSG:99999", "EPSG:4979", "EPSG:4978"),
-    *("+proj=utm +zone=15 +ellps=WGS84", "+proj=longlat +lon_0=nan", "../../etc/passwd", "A" * 70_000),
+    *(
+        "+proj=utm +zone=15 +ellps=WGS84",
+        "+proj=longlat +lon_0=nan",
+        "../../etc/passwd",
+        "A" * 70_000,
+    ),
 )
 
 
@@ -141,7 +160,9 @@ def _lines(data: bytes, random: Random) -> bytes:
     elif way == 1:
         lines[at:at] = [lines[at]] * random.choice((1, 10, 10_000))
     elif way == 2:
-        lines[at] += random.choice((b",", b" ", b"\t", b";", b'"', b"#", b"\r")) * random.choice((1, 100))
+        lines[at] += random.choice((b",", b" ", b"\t", b";", b'"', b"#", b"\r")) * random.choice(
+            (1, 100)
+        )
     elif way == 3:
         random.shuffle(lines)
     elif way == 4:
@@ -160,8 +181,6 @@ _TEXT: Tuple[Damage, ...] = (_with_word, _with_number, _with_number, _lines, _re
 
 
 # --- JSON
-
-_deep: Any = None
 
 
 def _values() -> List[Any]:
@@ -182,7 +201,9 @@ def _tree(data: bytes, random: Random) -> bytes:
     waiting = [tree]
     while waiting and len(places) < 5000:
         node = waiting.pop()
-        keys = node if isinstance(node, dict) else range(len(node)) if isinstance(node, list) else ()
+        keys = (
+            node if isinstance(node, dict) else range(len(node)) if isinstance(node, list) else ()
+        )
         places += [(node, key) for key in keys]
         waiting += [node[key] for key in keys]
     if not places or random.random() < 0.05:
@@ -236,7 +257,7 @@ def _las_field(data: bytes, random: Random) -> bytes:
             places += [(spot, "<q"), (spot, "<I")]
         if first + 8 <= len(data):
             table = struct.unpack_from("<q", data, first)[0]
-            places += [(table, "<I"), (table + 4, "<I"), (table + 8, "<I")] if 0 < table else []
+            places += [(table, "<I"), (table + 4, "<I"), (table + 8, "<I")] if table > 0 else []
         extended = struct.unpack_from("<Q", data, 235)[0]
         places += [(extended + 20, "<Q"), (extended + 60, "<Q"), (extended + 76, "<I")]
     at, kind = random.choice(places)
@@ -251,7 +272,7 @@ def _members(data: bytes, random: Random) -> bytes:
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             members = [(info.filename, archive.read(info)) for info in archive.infolist()]
-    except Exception:  # noqa: BLE001 - it was damaged before
+    except Exception:  # it was damaged before
         return _flipped(data, random)
     if not members:
         return data
@@ -271,7 +292,9 @@ def _members(data: bytes, random: Random) -> bytes:
     else:
         members[at] = (name, damage(name, content, random, [content]))
     out = io.BytesIO()
-    kind = random.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA))
+    kind = random.choice(
+        (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
+    )
     with zipfile.ZipFile(out, "w", kind) as archive:
         for name, content in members:
             info = zipfile.ZipInfo(name or "x")
@@ -283,8 +306,21 @@ def _members(data: bytes, random: Random) -> bytes:
 
 
 _NAMES = (
-    *("../../x.laz", "/x.laz", "C:\\x.laz", "x", "a/" * 400 + "x.laz", "\u202e.laz", "n" * 300 + ".laz"),
-    *("odm_georeferencing/odm_georeferenced_model.ply", "odm_georeferencing/", "ept.json", "CON.las"),
+    *(
+        "../../x.laz",
+        "/x.laz",
+        "C:\\x.laz",
+        "x",
+        "a/" * 400 + "x.laz",
+        "\u202e.laz",
+        "n" * 300 + ".laz",
+    ),
+    *(
+        "odm_georeferencing/odm_georeferenced_model.ply",
+        "odm_georeferencing/",
+        "ept.json",
+        "CON.las",
+    ),
 )
 _DIRECTORY = ((b"PK\x05\x06", 22), (b"PK\x01\x02", 46), (b"PK\x03\x04", 30), (b"PK\x06\x06", 56))
 

@@ -1,13 +1,15 @@
 """Give damaged inputs to the real command: ``python tests/fuzz/run.py --runs 2000 --seed 1``.
 
-Each run is one command on one input of which one file, sometimes two, is damaged; it has to end in
-20 s and 1 GB with exit status 0, 1 or 2, a line on stderr that is no bug's, and no file left behind.
+Each run is one command on one input of which one file, sometimes two, is damaged; it has to end
+in 20 s and 1 GB with exit status 0, 1 or 2, one line on stderr that is no bug's, and nothing left
+behind.
 The same seed and number give the same damage: ``--seed 1 --only 17`` repeats one run.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib
 import os
 import shutil
 import sys
@@ -27,14 +29,22 @@ from fuzz.inputs import Case, write_cases  # noqa: E402
 from fuzz.mutations import damage  # noqa: E402
 from fuzz.process import Run, keep  # noqa: E402
 
+_LATE = (
+    *("laspy", "pyogrio.raw", "scipy.spatial", "quantify_client.cli"),
+    *("quantify_client.commands.jobs", "quantify_client.report.htmlout"),
+)
+
 
 def main() -> int:
     """Run, and return 1 when something is wrong."""
     given = _parser().parse_args()
-    numbers = given.only or range(given.runs)
+    numbers = given.only or range(given.first, given.first + given.runs)
     with tempfile.TemporaryDirectory(prefix="fuzz-") as name:
         root = Path(name).resolve()
         cases = _made(root / "inputs")
+        if given.honest:  # a case for each command, so that each is run once
+            cases = [Case(c.name, c.targets, (line,)) for c in cases for line in c.commands]
+            numbers = range(len(cases))
         _warm()
         failed = _all(cases, root, given, numbers)
     print(f"{len(numbers)} runs of seed {given.seed}: {len(failed)} failed")
@@ -45,6 +55,8 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=2000)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--first", type=int, default=0, metavar="K", help="number of the first run")
+    parser.add_argument("--honest", action="store_true", help="damage nothing: all must succeed")
     parser.add_argument("--only", type=int, action="append", metavar="K", help="this run alone")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--keep", type=Path, default=Path("fuzz-failures"), metavar="DIR")
@@ -69,16 +81,10 @@ def _made(root: Path) -> List[Case]:
 
 def _warm() -> None:
     """Import what commands import late, and have matplotlib find its fonts."""
-    import laspy
     import matplotlib.pyplot as plt
-    import pyogrio.raw
-    import scipy.spatial
 
-    import quantify_client.cli
-    import quantify_client.commands.jobs
-    import quantify_client.report.htmlout
-
-    assert laspy and pyogrio.raw and scipy.spatial and quantify_client
+    for name in _LATE:
+        importlib.import_module(name)
     figure = plt.figure()
     figure.add_subplot().set_title("A")
     figure.canvas.draw()
@@ -93,7 +99,7 @@ def _all(
     waiting = list(reversed(numbers))
     while waiting or going:
         if waiting and len(going) < given.jobs:
-            run = prepared(cases, root, given.seed, waiting.pop())
+            run = prepared(cases, root, given, waiting.pop())
             run.start()
             going[run.pid] = run
             continue
@@ -120,12 +126,14 @@ def _tell(run: Run, faults: Sequence[str], given: argparse.Namespace) -> None:
     print(f"    again: --seed {given.seed} --only {run.number}; kept: {kept}", flush=True)
 
 
-def prepared(cases: Sequence[Case], root: Path, seed: int, number: int) -> Run:
+def prepared(cases: Sequence[Case], root: Path, given: argparse.Namespace, number: int) -> Run:
     """Choose an input, a command and the damage by seed and number alone."""
-    random = Random(f"{seed}-{number}")
+    random = Random(f"{given.seed}-{number}")
     case = cases[number % len(cases)]
     work = root / f"run-{number}"
     shutil.copytree((root / "inputs" / case.name).resolve(), work / "in")
+    if given.honest:
+        return Run(number, case.name, case.commands[0], work, honest=True)
     others = [(work / "in" / name).read_bytes() for name in case.targets]
     other = random.choice(cases)
     others.append((root / "inputs" / other.name / random.choice(other.targets)).read_bytes())

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import shutil
 import stat
+import struct
 import tempfile
+import tracemalloc
 import zipfile
 from pathlib import Path
 from typing import Iterator
@@ -204,3 +206,57 @@ def test_small_member_is_no_zip_bomb_whatever_its_ratio(tmp_path: Path) -> None:
         info = opened.getinfo("a")
     assert info.file_size > 100 * info.compress_size
     archive._require_sound(path, info, tmp_path)
+
+
+def _listing(members: int) -> bytes:
+    """An archive that is nothing but a list of empty members, with its end in both forms."""
+    entry = b"PK\x01\x02" + bytes(24) + struct.pack("<HHH", 1, 0, 0) + bytes(12) + b"a"
+    listed = entry * members
+    numbers = (44, 45, 45, 0, 0, members, members, len(listed), 0)
+    end64 = struct.pack("<4sQHHIIQQQQ", b"PK\x06\x06", *numbers)
+    place64 = struct.pack("<4sIQI", b"PK\x06\x07", 0, len(listed), 1)
+    full = (0, 0, 0xFFFF, 0xFFFF, 0xFFFFFFFF, 0xFFFFFFFF, 0)
+    return listed + end64 + place64 + struct.pack("<4s4H2LH", b"PK\x05\x06", *full)
+
+
+def test_four_million_members_are_refused_before_they_are_read(tmp_path: Path) -> None:
+    (tmp_path / "all.zip").write_bytes(_listing(4_000_000))
+    tracemalloc.start()
+    _refused(tmp_path / "all.zip", "a list of members of more than 10 MB")
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 40 << 20
+
+
+def test_twenty_thousand_members_are_many_and_honest(tmp_path: Path) -> None:
+    many = {f"entwine_pointcloud/ept-data/12-{i:05}-{i:05}-0.laz": b"" for i in range(20_000)}
+    path = _zip(tmp_path / "all.zip", **many, **{MODEL: _laz()})
+    with open_source([path]) as source:
+        assert len(read_all(source.cloud)) == 100
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_methods_that_unpack_without_bounds_are_refused(method: int, tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "all.zip", "w", method) as out:
+        out.writestr(MODEL, bytes(30 << 20))
+    _refused(tmp_path / "all.zip", rf"packed by method {method}; expected 8 \(deflate\)")
+
+
+def test_sidecar_packed_without_bounds_is_ignored(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "all.zip", "w", zipfile.ZIP_DEFLATED) as out:
+        out.writestr(MODEL, _laz())
+        info = zipfile.ZipInfo("odm_georeferencing/coords.txt")
+        info.compress_type = zipfile.ZIP_LZMA
+        out.writestr(info, COORDS)
+    with open_source([tmp_path / "all.zip"]) as source:
+        assert source.cloud.info.crs is None
+
+
+def test_ratio_counts_what_is_there_not_what_is_claimed(tmp_path: Path) -> None:
+    """A member that claims to be packed into a gigabyte is still a bomb."""
+    path = _zip(tmp_path / "all.zip", **{MODEL: bytes(60 << 20)})
+    data = bytearray(path.read_bytes())
+    listed = data.rindex(b"PK\x01\x02")
+    struct.pack_into("<I", data, listed + 20, 1 << 30)
+    path.write_bytes(data)
+    _refused(path, "times its size, which no point cloud does")
