@@ -11,6 +11,7 @@ import shapely
 
 from .errors import AreaError, MissingExtraError
 from .geojson import MAX_POLYGONS, MAX_VERTICES, Outline, check_file
+from .version import how_to_add
 
 __all__ = ["VECTOR_SUFFIXES", "read_vector"]
 
@@ -40,8 +41,8 @@ def read_vector(path: Path) -> Tuple[List[Outline], List[str]]:
         from pyogrio.raw import read
     except ImportError as error:
         raise MissingExtraError(
-            f"{path.name} needs pyogrio: pip install 'quantify-client[vector]', "
-            "or export the polygons as GeoJSON"
+            f"{path.name} needs pyogrio, which is not installed: export the polygons as GeoJSON, or "
+            f"add it ({how_to_add('vector')})"
         ) from error
     outlines: List[Outline] = []
     with warnings.catch_warnings(record=True) as caught:
