@@ -41,7 +41,7 @@ def read_vector(path: Path) -> Tuple[List[Outline], List[str]]:
         from pyogrio.raw import read
     except ImportError as error:
         raise MissingExtraError(
-            f"{path.name} needs pyogrio, which is not installed: export the polygons as GeoJSON, or "
+            f"{path.name} needs pyogrio, which is missing: export the polygons as GeoJSON, or "
             f"add it ({how_to_add('vector')})"
         ) from error
     outlines: List[Outline] = []

@@ -75,7 +75,11 @@ def test_volume_of_the_bunny_from_many_points() -> None:
 @pytest.mark.parametrize(
     ("name", "count"),
     # Walls must be some points thick for their two sides to be told apart.
-    [("cup", 20_000), pytest.param("cup", MANY, marks=pytest.mark.one_python), ("hollow ball", FEW)],
+    [
+        ("cup", 20_000),
+        pytest.param("cup", MANY, marks=pytest.mark.one_python),
+        ("hollow ball", FEW),
+    ],
 )
 def test_voids_are_left_out_where_asked(name: str, count: int) -> None:
     body = BODIES[name]()
