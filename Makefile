@@ -103,8 +103,9 @@ coverage: $(DEV)/.ready
 
 say:
 ifeq ($(DEV_LOCK),)
-	@echo "Tested with $(PYTHON313) and today's newest packages: there is no Python 3.13 with venv" \
-	  "(PATH, pyenv), for which $(call LOCK,3.13) is; PYTHON313=/path/to/python3.13 names one."
+	@echo "Tested with $(PYTHON313) ($(DEV_VERSION)) and today's newest packages, not with those of" \
+	  "$(call LOCK,3.13): no Python 3.13 with venv was found (PATH, pyenv);" \
+	  "'pyenv install 3.13' or PYTHON313=/path/to/python3.13 brings it."
 else
 	@echo "Tested with $(PYTHON313) and the packages of $(DEV_LOCK)."
 endif

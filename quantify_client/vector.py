@@ -16,6 +16,7 @@ from .errors import AreaError, MissingExtraError
 from .geojson import MAX_BYTES, MAX_POLYGONS, MAX_VERTICES, Outline, check_file
 from .signatures import private_copy, require_signature
 from .small_files import real_path
+from .version import how_to_add
 
 __all__ = ["VECTOR_SUFFIXES", "read_vector"]
 
@@ -57,8 +58,8 @@ def read_vector(path: Path) -> Tuple[List[Outline], List[str]]:
         from pyogrio.raw import read
     except ImportError as error:
         raise MissingExtraError(
-            f"{path.name} needs pyogrio: pip install 'quantify-client[vector]', "
-            "or export the polygons as GeoJSON"
+            f"{path.name} needs pyogrio, which is missing: export the polygons as GeoJSON, or "
+            f"add it ({how_to_add('vector')})"
         ) from error
     outlines: List[Outline] = []
     with _readable(path, data) as copy, warnings.catch_warnings(record=True) as caught:

@@ -17,7 +17,7 @@ from quantify_client.types import AreaResult
 pytestmark = pytest.mark.one_python
 
 SEEDS = range(1201, 1213)
-COUNT = 15_000
+COUNT = 6_000
 
 
 @pytest.fixture(scope="module", params=[0.0, 0.005], ids=["clean", "noisy"])

@@ -6,7 +6,7 @@ import base64
 import hashlib
 import json
 from importlib import resources
-from typing import Any, Dict, List, Sequence
+from typing import Any, Dict, Iterable, List, Sequence
 
 import numpy as np
 
@@ -157,7 +157,7 @@ def _gap(gap: Any, units: Units) -> List[Any]:
     return [*_rounded((gap.x, gap.y, gap.z, gap.width)), gap_width(gap, units)]
 
 
-def _rounded(values: Sequence[float]) -> List[float]:
+def _rounded(values: Iterable[float]) -> List[float]:
     """Return seven digits: more than a picture can show."""
     return [float(f"{value:.7g}") for value in values]
 
@@ -175,7 +175,7 @@ def _packed(values: FloatArray) -> Dict[str, Any]:
     """Return columns of numbers as whole steps of 16 bits from their middle, in base64."""
     middle = (values.min(axis=0) + values.max(axis=0)) / 2
     # Rounded before use: both sides then work with the same numbers.
-    middle = np.array(_rounded(middle))
+    middle = np.asarray(_rounded(middle), dtype=np.float64)
     step = _rounded([max(float(np.abs(values - middle).max()) / LARGEST, 1e-12) * (1 + 1e-6)])[0]
     whole = np.rint((values - middle) / step).astype("<i2")
     data = base64.b64encode(whole.tobytes()).decode("ascii")

@@ -65,7 +65,7 @@ def test_good_observations_are_rarely_called_wrong(hundred: Trials) -> None:
 @pytest.mark.one_python
 def test_two_gross_errors_are_found_and_do_no_harm() -> None:
     missed, inside = [], 0
-    for seed in range(30):
+    for seed in range(15):  # five of them with both at one point
         truth = survey(seed)
         network, wrong = with_two_gross_errors(truth.network, seed)
         found = fit(network, "auto", False)
@@ -74,7 +74,7 @@ def test_two_gross_errors_are_found_and_do_no_harm() -> None:
         inside += abs(found.factor - truth.factor) <= 3.0 * found.std
         assert found.std / found.factor < 5e-4
     assert missed == []
-    assert inside >= 29
+    assert inside >= 14
 
 
 @pytest.mark.one_python
