@@ -77,6 +77,8 @@ SPIKED = [
 
 def test_outline_with_a_corner_far_away_is_refused_with_that_corner(cloud):
     told = measured(cloud, area=areas(*SPIKED))
+    assert told.error is None
+    assert len(told.results) == len(SPIKED)
     for outline, result in zip(SPIKED, told.results):
         far = outline[int(np.argmax(np.abs(np.array(outline) - [X, Y]).max(axis=1)))]
         assert f"(at {far[0]:.2f}, {far[1]:.2f})" in result["error"]
