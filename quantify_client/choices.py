@@ -13,6 +13,7 @@ from .volcalc.integrate import MAX_SLICES
 __all__ = ["check_options", "choose_shape"]
 
 _OBJECT_METHODS = ("section", "polar")
+_DENSEST = 22.6  # t/m3: osmium
 _FLOORS = ("auto", "none", "plane")
 
 
@@ -31,6 +32,11 @@ def check_options(options: Options) -> Options:
     density, sigma = options.density, options.density_sigma
     if density is not None and not 0 < density < math.inf:
         raise UsageError(f"--density is {density}; give tonnes per cubic metre above 0")
+    if density is not None and density > _DENSEST:
+        raise UsageError(
+            f"--density is {density:g} t/m3, more than that of any material ({_DENSEST:g}); for "
+            f"{density:g} kg/m3 give {density / 1000:g}"
+        )
     if not 0 <= sigma < math.inf:
         raise UsageError(f"the sigma of --density is {sigma}; give tonnes per cubic metre from 0")
     if options.method is not None and options.method not in _OBJECT_METHODS:
