@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from .crs import UNITS_M
 from .errors import UsageError
 from .scaler.fit import MODES
 from .types import Options
@@ -39,6 +40,8 @@ def check_options(options: Options) -> Options:
         )
     if not 0 <= sigma < math.inf:
         raise UsageError(f"the sigma of --density is {sigma}; give tonnes per cubic metre from 0")
+    if options.vertical_unit is not None and options.vertical_unit not in UNITS_M:
+        raise UsageError(f"--vertical-unit is {options.vertical_unit}; give {', '.join(UNITS_M)}")
     if options.method is not None and options.method not in _OBJECT_METHODS:
         raise UsageError(f"--method is {options.method}; give {' or '.join(_OBJECT_METHODS)}")
     if options.threads < 0:

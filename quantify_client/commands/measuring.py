@@ -54,7 +54,9 @@ def options_of(given: argparse.Namespace) -> Dict[str, Any]:
         "scale_mode": given.scale_mode,
         "area_frame": given.area_frame,
         "grid": given.grid,
+        "crs": given.crs,
         "source_unit": given.source_unit,
+        "vertical_unit": given.vertical_unit,
         "density": density,
         "density_sigma": sigma,
         "threads": given.threads,
@@ -108,7 +110,9 @@ def info(given: argparse.Namespace) -> int:
     with stages() as progress:
         found = describe(
             *given.sources,
+            crs=given.crs,
             source_unit=given.source_unit,
+            vertical_unit=given.vertical_unit,
             progress=progress,
             access=access_of(given),
         )

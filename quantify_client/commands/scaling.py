@@ -35,7 +35,9 @@ def scale_cloud(given: argparse.Namespace) -> int:
             gcp=given.gcp,
             out=given.out,
             scale_mode=given.scale_mode,
+            crs=given.crs,
             source_unit=given.source_unit,
+            vertical_unit=given.vertical_unit,
             progress=progress,
             access=access_of(given),
         )

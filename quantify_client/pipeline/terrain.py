@@ -16,7 +16,7 @@ from ..errors import CloudError, QuantifyError
 from ..sfm.outputs import Source
 from ..streaming import Progress, Streamed, accumulate, thread_count
 from ..types import AreaFailure, Measurement, Options, Window
-from ..volcalc.outline import cloud_outline, core_window, typical_height
+from ..volcalc.outline import cloud_outline, core_window, height_quantiles
 from ..volcalc.placements import measure_area
 from ..volcalc.terrain import Recipe
 from .common import (
@@ -37,6 +37,9 @@ _LEAST_FILLED = 0.1
 
 #: ... at most so often: each pass narrows the box a thousandfold or ends the matter.
 _PASSES = 4
+
+#: Terrain rises by less than this many times its width: a sea stack by about 3.
+_STEEPEST = 5.0
 
 
 def measure_areas(source: Source, frame: Frame, options: Options, report: Progress) -> Measurement:
@@ -63,11 +66,24 @@ def measure_areas(source: Source, frame: Frame, options: Options, report: Progre
     if not areas:
         areas = [Area(source.stem, cloud_outline(voxels, streamed.accumulator.grid, site))]
     place = site.shifted(*anchor)
-    factor = ground_factor(source, frame, place, typical_height(voxels), options)
+    low, middle, high = height_quantiles(voxels, (0.01, 0.5, 0.99))
+    factor = ground_factor(source, frame, place, middle, options)
+    warnings += _steepness(high - low, site)
     base = placed_level(frame, options, options.base, cloud_window(source, frame))
     options = replace(options, base=base)
     results = [_back(r, anchor) for r in _each(areas, streamed, factor, options, report)]
     return measurement_of(source, frame, "terrain", factor, results, warnings)
+
+
+def _steepness(relief: float, site: Window) -> List[str]:
+    """Return a warning where heights seem to be in a smaller unit than x and y."""
+    across = min(site.max_x - site.min_x, site.max_y - site.min_y)
+    if relief <= _STEEPEST * across:
+        return []
+    return [
+        f"heights span {relief:.4g} m over a site {across:.4g} m across: they may be in cm, mm or "
+        "feet (--vertical-unit sets their unit)"
+    ]
 
 
 def _relative(window: Window, anchor: Tuple[float, float]) -> Window:
