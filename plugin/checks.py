@@ -56,7 +56,7 @@ _OPTIONS = Record(
         "area_frame": Text(among=("cloud", "control")),
         "scale_mode": Text(among=("auto", "scale", "shift", "full")),
         "source_unit": Text(among=("m", "ft", "us-ft")),
-        "density": Number(above=0, most=100),
+        "density": Number(above=0, most=22.6),
         "density_sigma": Number(0, 100),
     },
     required=(),

@@ -180,8 +180,8 @@ def _check_crs(outlines: Sequence[Outline], frame: Frame, where: str) -> None:
             raise AreaError(f"{where}: {error}") from error
         if frame.cloud_crs is None:
             raise AreaError(
-                f"{where} is in {label(crs)} but the cloud has no CRS: draw the polygons in the "
-                "cloud's own coordinates and leave the file's CRS out, or give the cloud its CRS"
+                f"{where} is in {label(crs)} but the cloud has no CRS: give it one (--crs), or "
+                "draw the polygons in the cloud's own coordinates, without a CRS"
             )
 
 
@@ -282,7 +282,7 @@ def _outside(polygon: Any, box: Any) -> str:
         return far_corner(polygon, box)
     return (
         f"lies outside the cloud: it covers {_range(polygon.bounds)}, the cloud {_range(box)}; "
-        "draw it on the cloud, or correct its CRS"
+        "draw it on the cloud, or correct its CRS (--crs)"
     )
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Callable, Tuple, Union
 
 from .choices import MOST_THREADS
+from .crs import UNITS_M
 from .scaler.fit import MODES
 from .sfm.presets import PRESETS
 
@@ -24,6 +25,7 @@ __all__ = [
     "add_resume",
     "add_scale",
     "add_submit",
+    "add_units",
 ]
 
 VOLUME = (
@@ -54,7 +56,7 @@ def add_scale(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--gcp", metavar="FILE", required=True, help="control: taped distances, positions, bars")
     add("--scale-mode", choices=MODES, default="auto", help=_MODES)
-    add("--source-unit", choices=("m", "ft", "us-ft"), help="for a cloud that does not say")
+    add_units(parser)
     add(
         "--out",
         type=Path,
@@ -62,6 +64,22 @@ def add_scale(parser: argparse.ArgumentParser) -> None:
         help="the cloud, scaled, with every attribute; a report is written beside it",
     )
     _add_shown(parser)
+
+
+def add_units(parser: argparse.ArgumentParser) -> None:
+    """Add what says in which CRS and units a cloud is."""
+    add = parser.add_argument
+    add(
+        "--crs",
+        metavar="CODE|FILE",
+        help="EPSG:n, WKT, a PROJ string or a file with one: in place of what the cloud says",
+    )
+    add(
+        "--vertical-unit",
+        choices=tuple(UNITS_M),
+        help="of heights, in place of what the cloud says",
+    )
+    add("--source-unit", choices=tuple(UNITS_M), help="for a cloud that does not say")
 
 
 def add_gcp(parser: argparse.ArgumentParser) -> None:
@@ -118,7 +136,7 @@ def add_measuring(parser: argparse.ArgumentParser) -> None:
     )
     add("--center-caps", action="store_true", help="polar: end slabs centred on the end points")
     add("--grid", action="store_true", help="no grid-to-ground correction")
-    add("--source-unit", choices=("m", "ft", "us-ft"), help="for a cloud that does not say")
+    add_units(parser)
     add("--density", type=_density, metavar="T_PER_M3[:SIGMA]", help="adds tonnes")
     add(
         "--threads", type=_threads, default=0, metavar="N", help="default: the processor's, up to 4"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from .crs import UNITS_M
 from .errors import UsageError
 from .scaler.fit import MODES
 from .types import Options
@@ -15,6 +16,7 @@ __all__ = ["MOST_THREADS", "check_options", "choose_shape"]
 MOST_THREADS = 256
 
 _OBJECT_METHODS = ("section", "polar")
+_DENSEST = 22.6  # t/m3: osmium
 _FLOORS = ("auto", "none", "plane")
 
 
@@ -33,8 +35,15 @@ def check_options(options: Options) -> Options:
     density, sigma = options.density, options.density_sigma
     if density is not None and not 0 < density < math.inf:
         raise UsageError(f"--density is {density}; give tonnes per cubic metre above 0")
+    if density is not None and density > _DENSEST:
+        raise UsageError(
+            f"--density is {density:g} t/m3, more than that of any material ({_DENSEST:g}); for "
+            f"{density:g} kg/m3 give {density / 1000:g}"
+        )
     if not 0 <= sigma < math.inf:
         raise UsageError(f"the sigma of --density is {sigma}; give tonnes per cubic metre from 0")
+    if options.vertical_unit is not None and options.vertical_unit not in UNITS_M:
+        raise UsageError(f"--vertical-unit is {options.vertical_unit}; give {', '.join(UNITS_M)}")
     if options.method is not None and options.method not in _OBJECT_METHODS:
         raise UsageError(f"--method is {options.method}; give {' or '.join(_OBJECT_METHODS)}")
     if not 0 <= options.threads <= MOST_THREADS:

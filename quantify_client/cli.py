@@ -20,6 +20,7 @@ from .arguments import (
     add_resume,
     add_scale,
     add_submit,
+    add_units,
 )
 from .commands import measuring, scaling
 from .commands.shown import complain
@@ -90,7 +91,7 @@ def _parser() -> argparse.ArgumentParser:
     volume.set_defaults(run=measuring.volume)
     info = commands.add_parser("info", help="say what a source holds")
     info.add_argument("sources", nargs="+", metavar="SOURCE", help=SOURCE)
-    info.add_argument("--source-unit", choices=("m", "ft", "us-ft"))
+    add_units(info)
     info.add_argument("--json", action="store_true", help="one JSON document on stdout")
     add_access(info)
     info.set_defaults(run=measuring.info)

@@ -46,6 +46,7 @@ from quantify_client.__main__ import main as start
         ("--density nan", "above 0"),
         ("--density 1:-1", "not 0 or more"),
         ("--density x", "T_PER_M3"),
+        ("--density 1600", "for 1600 kg/m3 give 1.6"),
         ("--threads 0", "not from 1 to 256"),
         ("--units imperial", "imperial"),
         ("--method hull", "hull"),

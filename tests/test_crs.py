@@ -98,7 +98,7 @@ def test_no_crs_and_no_unit_is_unknown_and_said(text):
         ("EPSG:5703", None, "which has no map plane"),
         (UTM15, "ft", "contradicts"),
         ("EPSG:2263", "ft", "US survey foot"),  # not the international one
-        (None, "yd", "--source-unit m, ft or us-ft"),
+        (None, "yd", "--source-unit m, cm, mm, ft or us-ft"),
         ("EPSG:4326", None, "spans longitudes 576662 to 576768"),
         ("EPSG:4979", "ft", "contradicts"),
     ],

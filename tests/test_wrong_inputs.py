@@ -284,7 +284,7 @@ def test_a_polygon_in_a_crs_that_cannot_be_told(good, tmp_path, refused):
 def test_a_crs_is_of_no_use_with_a_cloud_without_one(tmp_path, refused):
     cloud = write_las(tmp_path / "plain.laz", POINTS)
     path = geojson(tmp_path / "a.geojson", HERE)
-    assert re.search("the cloud has no CRS: draw", refused(cloud, "--area", path))
+    assert re.search("the cloud has no CRS: give it one", refused(cloud, "--area", path))
 
 
 POLYGONS = {

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Dict, Iterable, Iterator, Optional, Protocol, Tuple
 
@@ -43,15 +42,6 @@ class Cloud(Protocol):
         than the header promises, or when a coordinate is not finite.
         """
         ...
-
-
-@dataclass(frozen=True)
-class Remarks:
-    """What a header says beside points: a CRS, where it was found, and what to warn of."""
-
-    crs: Optional[str] = None
-    origin: Optional[str] = None
-    warnings: Tuple[str, ...] = ()
 
 
 def _noise_table() -> npt.NDArray[np.bool_]:

@@ -29,8 +29,9 @@ class EptCloud:
             format="ept",
             point_count=self._index.count,
             bounds=self._index.conforming,
-            crs=self._index.crs,
-            crs_origin="ept.json" if self._index.crs else None,
+            crs=self._index.stated.crs,
+            crs_origin=self._index.stated.origin,
+            warnings=self._index.stated.warnings,
         )
 
     def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:

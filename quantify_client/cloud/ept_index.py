@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, Optional, Set, Tuple
 
+from ..crs.statements import Stated, Statement, merge
+from ..crs.wkt import statement_of_wkt
 from ..errors import CloudError
 from ..small_files import count_values
 from ..types import MAX_COORDINATE, Bounds
@@ -48,6 +50,7 @@ class EptIndex:
     cube : the box of the tile 0-0-0-0.
     conforming : the box of the points.
     schema : the columns of tiles of type ``"binary"``.
+    stated : its CRS.
     """
 
     source: Path
@@ -58,7 +61,7 @@ class EptIndex:
     count: int
     tiles: Mapping[str, int]
     schema: Tuple[Mapping[str, Any], ...]
-    crs: Optional[str]
+    stated: Stated
 
     def box(self, key: str) -> Bounds:
         """The box of a tile: the cube is halved at each level."""
@@ -111,7 +114,7 @@ def read_index(source: Path, fetch: Optional[Fetch] = None) -> EptIndex:
             count=promised,
             tiles=tiles,
             schema=tuple(about["schema"]),
-            crs=_crs(about.get("srs")),
+            stated=_stated(about.get("srs")),
         )
     _require_cube(index)
     held = sum(tiles.values())
@@ -226,13 +229,21 @@ def _box(source: Path, values: Any) -> Bounds:
     return Bounds(*box)
 
 
-def _crs(srs: Any) -> Optional[str]:
-    """WKT if there is one, else the code of the authority, heights included."""
+def _stated(srs: Any) -> Stated:
+    """Bring together WKT and the codes of an authority; a WKT without heights may stand beside
+    a code that has them.
+    """
+    if isinstance(srs, str):  # Entwine 1
+        srs = {"wkt": srs}
     if not isinstance(srs, dict):
-        return None
+        return Stated()
+    statements = []
     if srs.get("wkt"):
-        return str(srs["wkt"])
-    if not (srs.get("authority") and srs.get("horizontal")):
-        return None
-    vertical = f"+{srs['vertical']}" if srs.get("vertical") else ""
-    return f"{srs['authority']}:{srs['horizontal']}{vertical}"
+        statements.append(statement_of_wkt(str(srs["wkt"]), "WKT in ept.json"))
+    authority = str(srs.get("authority") or "EPSG")
+    codes = [
+        f"{authority}:{srs[part]}" if srs.get(part) else None for part in ("horizontal", "vertical")
+    ]
+    if any(codes):
+        statements.append(Statement("code in ept.json", codes[0], vertical=codes[1]))
+    return merge(statements)

@@ -6,8 +6,8 @@ import re
 from pathlib import Path
 from typing import Iterator, List, Optional, Sequence, Tuple
 
-from ..crs.projection import parse
-from ..errors import CloudError, CrsError
+from ..crs.statements import same_coordinates
+from ..errors import CloudError
 from ..small_files import real_path
 from ..types import Bounds, Chunk, CloudInfo, Window
 from .base import DEFAULT_CHUNK, Cloud, gather, touches
@@ -61,7 +61,7 @@ def _common_crs(
         return None, None, ()
     first = known[0]
     for other in known[1:]:
-        if not _same(str(other.crs), str(first.crs)):
+        if not same_coordinates(str(other.crs), str(first.crs)):
             raise CloudError(
                 f"{other.sources[0]}: is in another CRS ({_short(other.crs)}) than "
                 f"{first.sources[0]} ({_short(first.crs)}); expected tiles of one survey: "
@@ -72,16 +72,6 @@ def _common_crs(
         return first.crs, first.crs_origin, ()
     note = f"{len(silent)} of {len(infos)} tiles name no CRS (the first: {silent[0]})"
     return first.crs, first.crs_origin, (f"{note}; they are taken to be in that of the others",)
-
-
-def _same(one: str, other: str) -> bool:
-    """Whether two texts mean one CRS, however each is written."""
-    if one == other:
-        return True
-    try:
-        return bool(parse(one).equals(parse(other), ignore_axis_order=True))
-    except CrsError:
-        return False
 
 
 def _short(crs: Optional[str]) -> str:

@@ -10,6 +10,7 @@ from typing import Any, Dict, List, Mapping, Optional, Tuple
 
 from ..areas import require_polygons
 from ..choices import check_options, choose_shape
+from ..crs import given_crs
 from ..errors import JobError, QuantifyError, UsageError
 from ..jobs import Confirmed, Pace, Plan, cancel_job, create_job, plan_job, run_job
 from ..jobs.create import require_free
@@ -157,6 +158,8 @@ def _checked_options(given: argparse.Namespace) -> Dict[str, Any]:
     for name in FILES:
         if options[name] is not None:
             options[name] = str(real_path(options[name]))
+    if options["crs"] is not None:
+        options["crs"] = given_crs(options["crs"])  # its text: the file may be gone by tomorrow
     return options
 
 

@@ -54,7 +54,9 @@ def options_of(given: argparse.Namespace) -> Dict[str, Any]:
         "scale_mode": given.scale_mode,
         "area_frame": given.area_frame,
         "grid": given.grid,
+        "crs": given.crs,
         "source_unit": given.source_unit,
+        "vertical_unit": given.vertical_unit,
         "density": density,
         "density_sigma": sigma,
         "threads": given.threads,
@@ -76,7 +78,7 @@ def demo(given: argparse.Namespace) -> int:
 
 def inputs_of(given: argparse.Namespace) -> List[Union[str, Path, None]]:
     """Return the files that a measurement reads."""
-    files = [given.area, given.gcp, *getattr(given, "sources", ())]
+    files = [given.area, given.gcp, given.crs, *getattr(given, "sources", ())]
     return [*files, given.ca, given.token_file]
 
 
@@ -114,7 +116,9 @@ def info(given: argparse.Namespace) -> int:
     with stages() as progress:
         found = describe(
             *given.sources,
+            crs=given.crs,
             source_unit=given.source_unit,
+            vertical_unit=given.vertical_unit,
             progress=progress,
             access=access_of(given),
         )

@@ -29,8 +29,11 @@ from .projection import (
 
 __all__ = ["UNITS_M", "Frame", "measuring_frame"]
 
-UNITS_M = {"m": 1.0, "ft": 0.3048, "us-ft": 1200 / 3937}
+UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "us-ft": 1200 / 3937}
+_UNIT_NAMES = "m, cm, mm, ft or us-ft"
 
+# z may span this many times x and y before these are taken for degrees.
+_DEGREES = 1000.0
 # Files round the foot's length to 8 or more digits; the two feet differ by 2e-6.
 _SAME_UNIT = 1e-7
 # Enclosing boxes are sampled at 21 x 21 points and grown by this share of their width, which is
@@ -155,9 +158,9 @@ def measuring_frame(
         CRS, a geographic cloud that is too wide for one UTM zone.
     """
     if source_unit is not None and source_unit not in UNITS_M:
-        raise CrsError(f"unknown unit {short(source_unit)!r}: use --source-unit m, ft or us-ft")
+        raise CrsError(f"unknown unit {short(source_unit)!r}: use --source-unit {_UNIT_NAMES}")
     if crs is None or not crs.strip("\x00 \t\r\n"):
-        return _frame_without_crs(source_unit)
+        return _frame_without_crs(source_unit, bounds)
     horizontal, vertical = split(parse(crs))
     kind = unbound(horizontal)
     if kind.type_name.endswith("Engineering CRS"):
@@ -168,19 +171,41 @@ def measuring_frame(
         return _geographic_frame(horizontal, vertical, source_unit, bounds)
     raise CrsError(
         f"the cloud's CRS {short(kind.name)!r} is a {kind.type_name}, which has no map plane; "
-        "transform the cloud to a projected CRS such as its UTM zone first"
+        "transform the cloud to a projected CRS such as its UTM zone first, or give the CRS of its "
+        "coordinates (--crs)"
     )
 
 
-def _frame_without_crs(source_unit: Optional[str]) -> Frame:
+def _frame_without_crs(source_unit: Optional[str], bounds: Optional[Bounds]) -> Frame:
     if source_unit is None:
+        _refuse_degrees(bounds)
         note = (
             "the cloud has neither a CRS nor a unit: lengths, areas and volumes are in its own, "
-            "unknown unit; say it with --source-unit m, ft or us-ft"
+            f"unknown unit; say it with --source-unit {_UNIT_NAMES}, or --crs"
         )
         return Frame(None, "unknown", (note,))
     unit_m = UNITS_M[source_unit]
     return Frame(None, "m", (), unit_m=unit_m, z_unit_m=unit_m)
+
+
+def _refuse_degrees(bounds: Optional[Bounds]) -> None:
+    """Raise where x and y look like longitude and latitude, and z like metres.
+
+    A degree is 1e5 metres: terrain that rises by a hundredth of its width seems to rise by a
+    thousand times its width.
+    """
+    if bounds is None:
+        return
+    across = max(bounds.max_x - bounds.min_x, bounds.max_y - bounds.min_y)
+    relief = bounds.max_z - bounds.min_z
+    on_earth = max(abs(bounds.min_x), abs(bounds.max_x)) <= 360.0
+    on_earth &= max(abs(bounds.min_y), abs(bounds.max_y)) <= 90.0
+    if on_earth and relief > _DEGREES * across:
+        raise CrsError(
+            f"the cloud has no CRS; z spans {relief:.4g} while x and y span {across:.4g}, which "
+            "look like longitude and latitude; give their CRS (--crs EPSG:4326, say), or "
+            "--source-unit if they are lengths"
+        )
 
 
 def _local_frame(crs: CRS, vertical: Any, source_unit: Optional[str]) -> Frame:
@@ -234,7 +259,7 @@ def _length_unit(axis: Any, source_unit: Optional[str]) -> float:
     if not (math.isfinite(unit_m) and unit_m > 0):
         raise CrsError(
             f"the cloud's CRS gives its unit {short(axis.unit_name)!r} no length; "
-            "give the cloud a CRS with metres or feet"
+            "give one with metres or feet (--crs)"
         )
     for exact in UNITS_M.values():
         if abs(unit_m / exact - 1) < _SAME_UNIT:
@@ -248,7 +273,7 @@ def _agree(unit_m: float, name: str, source_unit: str) -> None:
     if unit_m != UNITS_M[source_unit]:
         raise CrsError(
             f"--source-unit {source_unit} contradicts the cloud's CRS, whose unit is the {name}; "
-            "leave the option out, or correct the CRS of the cloud"
+            "leave the option out, or give another CRS (--crs)"
         )
 
 
@@ -259,7 +284,7 @@ def _z_unit(vertical: Any, unit_m: float, crs: CRS, notes: List[str]) -> float:
             name = crs.axis_info[0].unit_name
             notes.append(
                 f"the cloud's CRS says nothing about heights: z is taken in the {name}, "
-                "like x and y; give the cloud a compound CRS if that is wrong"
+                "like x and y; --vertical-unit sets another"
             )
         return unit_m
     z_unit_m = _length_unit(vertical, None)

@@ -72,7 +72,7 @@ def grid_scale_factor(frame: Frame, x: float, y: float, z: float, *, odm: bool) 
     if not (math.isfinite(factor) and factor > 0):
         raise CrsError(
             f"no grid scale at x {x:.3f}, y {y:.3f} in {short(frame.crs)}: the place lies outside "
-            "the projection; correct the cloud's CRS, or measure with --grid (no correction)"
+            "the projection; correct the cloud's CRS (--crs), or do without correction (--grid)"
         )
     return factor
 
@@ -91,7 +91,7 @@ def geometry_to_frame(geometry: Any, from_crs: str, frame: Frame) -> Any:
     if frame.grid is None:
         raise CrsError(
             f"the polygons are in {short(from_crs)} but the cloud has no CRS: draw them in the "
-            "cloud's own coordinates, without a CRS, or give the cloud its CRS"
+            "cloud's own coordinates, without a CRS, or give the cloud its CRS (--crs)"
         )
     return _move(geometry, horizontal_wkt(from_crs), frame.grid, 1.0, frame.unit_m)
 

@@ -185,7 +185,7 @@ def utm_zone(horizontal: CRS, own: str, bounds: Bounds) -> CRS:
     if not 0 <= span <= _MAX_LON_SPAN_DEG:
         raise CrsError(
             f"the cloud spans longitudes {bounds.min_x:g} to {bounds.max_x:g}: more than the "
-            f"{_MAX_LON_SPAN_DEG:g} degrees one UTM zone can hold; cut it, or correct its CRS"
+            f"{_MAX_LON_SPAN_DEG:g} degrees of one UTM zone; cut it, or correct its CRS (--crs)"
         )
     center = [(bounds.min_x + bounds.max_x) / 2], [(bounds.min_y + bounds.max_y) / 2]
     lon, lat = (float(v[0]) for v in transform(own, WGS84, *map(np.array, center)))

@@ -1,13 +1,127 @@
-"""A CRS in the words that other programs read."""
+"""WKT: written so that other programs read it, and read where it is not quite WKT."""
 
 from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Iterator, Optional, Tuple
 
 from pyproj.exceptions import ProjError
 
 from ..errors import CrsError
-from .projection import parse, short
+from ..small_files import read_small
+from .projection import CRS, parse, short
+from .statements import Statement, Unit
+
+__all__ = ["as_wkt", "given_crs", "statement_of_wkt"]
+
+_PLANES = (
+    "PROJCS",
+    "PROJCRS",
+    "PROJECTEDCRS",
+    "GEOGCS",
+    "GEOGCRS",
+    "GEODCRS",
+    "LOCAL_CS",
+    "ENGCRS",
+)
+_HEIGHTS = ("VERT_CS", "VERTCS", "VERTCRS", "VERTICALCRS")
+_UNIT = re.compile(r'(?:LENGTH)?UNIT\s*\[\s*"([^"]{1,80})"\s*,\s*([0-9.eE+-]{1,40})', re.IGNORECASE)
+_MOST = 1 << 16  # characters that are looked through
 
 _DIALECTS = ("WKT1_GDAL", "WKT2_2019")  # the first is read by everyone; it cannot say everything
+
+
+def given_crs(given: str) -> str:
+    """Return the CRS that a user gives: ``EPSG:n``, WKT, a PROJ string, or a file with one.
+
+    Raises
+    ------
+    CrsError
+        It is none of these.
+    """
+    if _known(given) is not None:
+        return given
+    expected = "EPSG:n, WKT, a PROJ string, or a file (.prj, .wkt) with one of them"
+    if not _is_file(given):
+        raise CrsError(f"--crs {short(given)!r} is neither a known CRS nor a file: give {expected}")
+    data = read_small(Path(given), most=_MOST, what=expected, error=CrsError)
+    text = data.decode("utf-8-sig", "replace").strip()
+    if _known(text) is None:
+        raise CrsError(f"{given[:200]} holds no CRS that is known here; expected {expected}")
+    return text
+
+
+def _is_file(given: str) -> bool:
+    try:
+        return Path(given).exists()
+    except (OSError, ValueError):  # too long, or with a null byte
+        return False
+
+
+def statement_of_wkt(text: str, origin: str) -> Statement:
+    """Return what a WKT record says; of one that PROJ cannot read, the parts that it can.
+
+    A compound CRS has an unknown vertical part more often than an unknown plane: the plane is
+    used, and of the heights the unit.
+    """
+    if _known(text) is not None:
+        return Statement(origin, text)
+    plane = next((part for part in _parts(text, _PLANES) if _known(part) is not None), None)
+    vertical, unit = None, None
+    for part in _parts(text, _HEIGHTS):
+        known = _known(part)
+        if known is not None and known.is_vertical:
+            vertical = part
+        else:
+            unit = _unit(part)
+    used = []
+    if plane is not None:
+        used.append(f"{short(parse(plane).name)} for x and y")
+    if vertical is not None or unit is not None:
+        used.append(f"{unit[0] if unit else short(parse(str(vertical)).name)} for heights")
+    said = f"only {' and '.join(used)} is used" if used else "it is not used"
+    warning = f"{origin}: cannot be understood whole ({text[:60]!r}): {said}"
+    return Statement(origin, plane, None, vertical, unit, (f"{warning} (--crs sets another)",))
+
+
+def _known(text: str) -> Optional[CRS]:
+    try:
+        return parse(text)
+    except CrsError:
+        return None
+
+
+def _parts(text: str, names: Tuple[str, ...]) -> Iterator[str]:
+    """Yield the elements of some names, brackets and all, in the order of the names."""
+    text = text[:_MOST]
+    for name in names:
+        for found in re.finditer(rf"(?<![A-Z_]){name}\s*\[", text, re.IGNORECASE):
+            end = _closing(text, found.end())
+            if end is not None:
+                yield text[found.start() : end]
+
+
+def _closing(text: str, start: int) -> Optional[int]:
+    """Return the place after the bracket that closes the one before `start`."""
+    depth, quoted = 1, False
+    for place in range(start, len(text)):
+        letter = text[place]
+        if letter == '"':
+            quoted = not quoted
+        elif not quoted and letter in "[]":
+            depth += 1 if letter == "[" else -1
+            if depth == 0:
+                return place + 1
+    return None
+
+
+def _unit(text: str) -> Optional[Unit]:
+    found = _UNIT.search(text)
+    try:
+        return (found.group(1), float(found.group(2))) if found else None
+    except ValueError:
+        return None
 
 
 def as_wkt(crs: str) -> str:

@@ -8,7 +8,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Mapping, Optional, Sequence, Union
 
-from ..crs import Frame, PlacedFrame, grid_scale_factor
+from ..crs import Frame, PlacedFrame, doubts, grid_scale_factor
 from ..sfm.outputs import Source
 from ..streaming import nothing_usable
 from ..types import AreaFailure, AreaResult, Bounds, Measurement, Options, Window
@@ -17,6 +17,7 @@ from ..version import package_version
 __all__ = [
     "Result",
     "bounds_in_frame",
+    "cloud_warnings",
     "finish",
     "ground_factor",
     "measurement_of",
@@ -93,6 +94,13 @@ def finish(result: AreaResult, left_out: Mapping[str, int], options: Options) ->
     return replace(result, mass_t=options.density * volume, mass_std_t=std)
 
 
+def cloud_warnings(source: Source, frame: Frame, factor: Optional[float]) -> Sequence[str]:
+    """Return what there is to say of the whole cloud, its CRS above all."""
+    info = source.cloud.info
+    doubted = [] if isinstance(frame, PlacedFrame) else doubts(frame, info.bounds, factor)
+    return (*info.warnings, *frame.warnings, *doubted)
+
+
 def measurement_of(
     source: Source,
     frame: Frame,
@@ -110,7 +118,7 @@ def measurement_of(
         method=method,
         grid_scale_factor=factor,
         results=tuple(results),
-        warnings=(*source.cloud.info.warnings, *frame.warnings, *warnings),
+        warnings=(*cloud_warnings(source, frame, factor), *warnings),
         provenance={},
         frame=frame,
     )

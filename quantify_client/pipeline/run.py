@@ -17,7 +17,7 @@ from ..sfm.outputs import open_source
 from ..streaming import Progress
 from ..types import Measurement, Options
 from .body import find_floor, measure_object
-from .common import provenance
+from .common import cloud_warnings, provenance
 from .placing import place_cloud
 from .scale_budget import with_scale
 from .terrain import measure_areas
@@ -61,6 +61,7 @@ def measure(
         access=access,
         windowed=chosen.area is not None,
         progress=report,
+        options=chosen,
     ) as source:
         info = source.cloud.info
         frame = measuring_frame(info.crs, chosen.source_unit, info.bounds)
@@ -78,7 +79,9 @@ def measure(
 
 def describe(
     *sources: Union[str, Path],
+    crs: Optional[str] = None,
     source_unit: Optional[str] = None,
+    vertical_unit: Optional[str] = None,
     progress: Optional[Progress] = None,
     access: Optional[Access] = None,
 ) -> Mapping[str, Any]:
@@ -87,7 +90,10 @@ def describe(
     A source that would be measured as an object is read for the floor that the body stands on.
     """
     report = progress or (lambda stage, share: None)
-    with open_source(list(sources), access=access, windowed=True, progress=report) as source:
+    given = Options(crs=crs, source_unit=source_unit, vertical_unit=vertical_unit)
+    with open_source(
+        list(sources), access=access, windowed=True, progress=report, options=check_options(given)
+    ) as source:
         info = source.cloud.info
         frame = measuring_frame(info.crs, source_unit, info.bounds)
         bounds = info.bounds and frame.bounds_to_frame(info.bounds)
@@ -111,5 +117,5 @@ def describe(
             "mean_spacing_m": spacing,
             "shape": shape,
             "floor": floor and asdict(floor),
-            "warnings": [*info.warnings, *frame.warnings],
+            "warnings": list(cloud_warnings(source, frame, None)),
         }

@@ -20,7 +20,7 @@ from .placing import Placement, place_cloud
 __all__ = ["scale"]
 
 #: What of the options decides a scale.
-_OPTIONS = ("gcp", "scale_mode", "source_unit")
+_OPTIONS = ("gcp", "scale_mode", "crs", "source_unit", "vertical_unit")
 
 
 def scale(
@@ -28,7 +28,9 @@ def scale(
     gcp: Union[str, Path],
     out: Optional[Union[str, Path]] = None,
     scale_mode: str = "auto",
+    crs: Optional[str] = None,
     source_unit: Optional[str] = None,
+    vertical_unit: Optional[str] = None,
     progress: Optional[Progress] = None,
     access: Optional[Access] = None,
     beside: Optional[Callable[[Scaled, Path], Sequence[str]]] = None,
@@ -42,6 +44,7 @@ def scale(
     out : .laz or .las; None to only say what the transform is. The sources are never touched, and
         nothing but an earlier result of ours is replaced.
     scale_mode : ``"auto"``, ``"scale"``, ``"shift"`` or ``"full"``.
+    crs, source_unit, vertical_unit : as in :class:`Options`.
     progress : called with the stage and the share done, from 0 to 1.
     access : as for :func:`measure`.
     beside : called with the result when its cloud is complete, and with a folder; returns the names
@@ -53,11 +56,20 @@ def scale(
         One line that says what was found, what was expected and what to do.
     """
     started, clock = datetime.now(timezone.utc), time.perf_counter()
-    options = check_options(Options(gcp=gcp, scale_mode=scale_mode, source_unit=source_unit))
+    given = Options(
+        gcp=gcp,
+        scale_mode=scale_mode,
+        crs=crs,
+        source_unit=source_unit,
+        vertical_unit=vertical_unit,
+    )
+    options = check_options(given)
     report = progress or (lambda stage, share: None)
     if out is not None:
         require_rewritable([*map(Path, sources), Path(gcp)], Path(out))
-    with open_source(list(sources), cameras=True, access=access, progress=report) as source:
+    with open_source(
+        list(sources), cameras=True, access=access, progress=report, options=options
+    ) as source:
         info = source.cloud.info
         frame = measuring_frame(info.crs, source_unit, info.bounds)
         if out is not None:

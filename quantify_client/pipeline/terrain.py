@@ -17,7 +17,7 @@ from ..sfm.outputs import Source
 from ..streaming import Progress, Streamed, accumulate, thread_count
 from ..types import AreaFailure, Measurement, Options, Window
 from ..volcalc.accumulate import plan_windows
-from ..volcalc.outline import cloud_outline, core_window, typical_height
+from ..volcalc.outline import cloud_outline, core_window, height_quantiles
 from ..volcalc.placements import measure_area
 from ..volcalc.terrain import Recipe
 from .common import (
@@ -43,6 +43,9 @@ _PASSES = 10
 
 #: Areas are read again where their cells become this many times smaller by it.
 _FINER = 0.5
+
+#: Terrain rises by less than this many times its width: a sea stack by about 3.
+_STEEPEST = 5.0
 
 
 def measure_areas(source: Source, frame: Frame, options: Options, report: Progress) -> Measurement:
@@ -74,11 +77,24 @@ def measure_areas(source: Source, frame: Frame, options: Options, report: Progre
     if not areas:
         areas = [Area(source.stem, cloud_outline(voxels, streamed.accumulator.grid, site))]
     place = site.shifted(*anchor)
-    factor = ground_factor(source, frame, place, typical_height(voxels), options)
+    low, middle, high = height_quantiles(voxels, (0.01, 0.5, 0.99))
+    factor = ground_factor(source, frame, place, middle, options)
+    warnings += _steepness(high - low, site)
     base = placed_level(frame, options, options.base, cloud_window(source, frame))
     options = replace(options, base=base)
     results = [_back(r, anchor) for r in _each(areas, streamed, factor, options, report)]
     return measurement_of(source, frame, "terrain", factor, results, warnings)
+
+
+def _steepness(relief: float, site: Window) -> List[str]:
+    """Return a warning where heights seem to be in a smaller unit than x and y."""
+    across = min(site.max_x - site.min_x, site.max_y - site.min_y)
+    if relief <= _STEEPEST * across:
+        return []
+    return [
+        f"heights span {relief:.4g} m over a site {across:.4g} m across: they may be in cm, mm or "
+        "feet (--vertical-unit sets their unit)"
+    ]
 
 
 def _relative(window: Window, anchor: Tuple[float, float]) -> Window:

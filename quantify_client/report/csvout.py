@@ -40,4 +40,12 @@ def write_slices(measurement: Measurement, file: TextIO) -> None:
             name = harmless_cell(encodable(result.name))
             for piece in result.slices:
                 numbers = (piece.z_m, piece.height_m, piece.area_m2, piece.volume_m3)
-                writer.writerow([name, *(float(n) for n in numbers), int(piece.points)])
+                writer.writerow([name, *(_number(n) for n in numbers), int(piece.points)])
+
+
+def _number(value: float) -> float:
+    """Return a number without the last digits, which are rounding: 0.3, not 0.30000000000000004.
+
+    Twelve digits tell a cubic kilometre to a litre.
+    """
+    return float(f"{value:.12g}")

@@ -42,17 +42,24 @@ def _warnings(measurement: Measurement) -> List[str]:
     return list(dict.fromkeys([*measurement.warnings, *scaling]))
 
 
-def interval95(value: Optional[float], std: Optional[float]) -> Optional[List[float]]:
+def interval95(
+    value: Optional[float], std: Optional[float], *, least: float = -math.inf
+) -> Optional[List[float]]:
     """Return [value - 1.96 std, value + 1.96 std], or None without either.
+
+    Parameters
+    ----------
+    least : below it no true value can lie: 0 for cut and fill, which are never negative. The
+        interval ends there, and holds the truth as often as before.
 
     Examples
     --------
-    >>> interval95(10.0, 1.0)
-    [8.04, 11.96]
+    >>> interval95(10.0, 1.0), interval95(1.0, 1.0, least=0.0)
+    ([8.04, 11.96], [0.0, 2.96])
     """
     if value is None or std is None or not math.isfinite(value) or not math.isfinite(std):
         return None
-    return [value - INTERVAL95 * std, value + INTERVAL95 * std]
+    return [max(least, value - INTERVAL95 * std), value + INTERVAL95 * std]
 
 
 def _result(result: Union[AreaResult, AreaFailure]) -> Dict[str, Any]:
@@ -91,9 +98,9 @@ def _volumes(result: AreaResult) -> Dict[str, Any]:
         "std_m3": result.std_m3,
         "interval95_m3": interval95(result.volume_m3, result.std_m3),
         "cut_std_m3": result.cut_std_m3,
-        "cut_interval95_m3": interval95(result.cut_m3, result.cut_std_m3),
+        "cut_interval95_m3": interval95(result.cut_m3, result.cut_std_m3, least=0.0),
         "fill_std_m3": result.fill_std_m3,
-        "fill_interval95_m3": interval95(result.fill_m3, result.fill_std_m3),
+        "fill_interval95_m3": interval95(result.fill_m3, result.fill_std_m3, least=0.0),
     }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import List, Optional, Tuple
 
 from ..types import AreaResult
@@ -55,7 +56,7 @@ def _headline(result: AreaResult, units: Units) -> str:
 def _tile(kind: str, name: str, value: Optional[float], std: Optional[float], units: Units) -> str:
     spread = units.half_width(std)
     plus = "" if spread == NOTHING else f" \u00b1 {spread}"
-    ends = interval95(value, std)
+    ends = interval95(value, std, least=0.0 if kind else -math.inf)
     interval = "no interval"
     if ends is not None:
         low, high = (units.volume_number(end, std) for end in ends)

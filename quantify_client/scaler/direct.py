@@ -5,8 +5,9 @@ Kept as it is, with what it needs to be used: the sign, the case d > D, and its 
 
     sigma_dz = sqrt((D sigma_D)^2 + (d sigma_d)^2) / dz,
 
-which grows without bound on level ground: below dz = 3 sigma_dz an interval from D^2 - d^2 is
-given instead.
+which grows without bound on level ground. Whether a pair is level is therefore tested on
+D^2 - d^2, whose sigma is 2 sqrt((D sigma_D)^2 + (d sigma_d)^2) whatever dz is: below three of
+these, an interval from D^2 - d^2 goes with the height.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from .network import Network
 
 __all__ = ["direct_height", "direct_heights", "relative_elevations"]
 
-#: A height difference below this many of its sigmas is told as an interval.
+#: Below this many of its sigmas D^2 - d^2 may be that of a level pair (one in 740 exceeds it).
 _STEEP = 3.0
 
 #: Standard deviations of a 95 % interval.
@@ -46,9 +47,10 @@ def direct_height(
     """
     (length, length_sigma), (across, across_sigma) = slope, ground
     square = length**2 - across**2
-    noise = math.hypot(length * length_sigma, across * across_sigma)  # half the sigma of square
+    noise = math.hypot(length * length_sigma, across * across_sigma)
+    square_sigma = 2.0 * noise
     made = DirectHeight(names[0], names[1], length, across, None, None)
-    reach = _INTERVAL95 * 2.0 * noise
+    reach = _INTERVAL95 * square_sigma
     interval = tuple(math.sqrt(max(square + side * reach, 0.0)) for side in (-1.0, 1.0))
     if square <= 0.0:
         note = (
@@ -63,7 +65,7 @@ def direct_height(
     height = math.sqrt(square)
     std = noise / height
     notes = []
-    if height < _STEEP * std:
+    if square < _STEEP * square_sigma:
         made = replace(made, interval_m=(interval[0], interval[1]))
         notes.append(
             f"{names[0]}-{names[1]}: too level for its elevation difference to be told "

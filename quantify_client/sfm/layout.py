@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import math
 import re
 from dataclasses import dataclass
@@ -32,6 +33,8 @@ _FALLBACKS = (f"{ENTWINE}/ept.json", "odm_filterpoints/point_cloud.ply")
 _TILES = (".laz", ".las")
 _DEPTH = 2  # folders between the one given and a project
 _UTM = re.compile(r"WGS84\s+UTM\s+(\d{1,2})\s*([NS])", re.IGNORECASE)
+_PAM = re.compile(r"<SRS\b[^>]*>([^<]+)</SRS>")
+_BESIDE_BYTES = 1 << 16
 _FAR = 200_000.0  # metres: no survey reaches that far from ODM's offset
 
 
@@ -145,13 +148,13 @@ def project_of(path: Path) -> Optional[Path]:
 
 
 def read_sidecar(cloud: Path) -> Optional[Sidecar]:
-    """Find the CRS in the files that ODM writes beside its model.
+    """Find the CRS in the files that ODM writes beside its model, or GIS programs beside any cloud.
 
     The model is already in full coordinates: the offset in coords.txt is not to be added, it only
     tells whether the CRS can be that of the cloud.
     """
     if not belongs_to_odm(cloud):
-        return None
+        return _crs_beside(cloud)
     real = real_path(cloud)
     folder = real.parent.parent / GEOREFERENCING if _is_entwine(real) else real.parent
     for name in SIDECARS:
@@ -165,6 +168,22 @@ def read_sidecar(cloud: Path) -> Optional[Sidecar]:
         crs = _crs(lines[0]) if lines else None
         if crs is not None:
             return Sidecar(crs, name, _offset(lines))
+    return None
+
+
+def _crs_beside(cloud: Path) -> Optional[Sidecar]:
+    """Return what cloud.prj (ESRI) or cloud.laz.aux.xml (GDAL) says."""
+    for path in (cloud.with_suffix(".prj"), cloud.with_name(f"{cloud.name}.aux.xml")):
+        with naming(path, "expected a small text file that names a CRS"):
+            if not path.is_file():
+                continue
+            with path.open("rb") as stream:
+                text = stream.read(_BESIDE_BYTES).decode("utf-8-sig", "replace").strip()
+        if path.suffix == ".xml":
+            found = _PAM.search(text)
+            text = html.unescape(found.group(1)).strip() if found else ""
+        if text:
+            return Sidecar(text, path.name)
     return None
 
 

@@ -11,9 +11,10 @@ from typing import Any, Callable, Iterator, List, Mapping, Optional, Sequence, T
 
 from ..cloud import DEFAULT_CHUNK, Cloud, Fetch, open_cloud
 from ..cloud.base import naming
+from ..crs import UNITS_M, Statement, given_crs, merge, statement_of_wkt
 from ..errors import CloudError
 from ..small_files import real_path
-from ..types import Chunk, CloudInfo, Window
+from ..types import Chunk, CloudInfo, Options, Window
 from .access import Access
 from .archive import unpacked
 from .layout import (
@@ -66,6 +67,7 @@ def open_source(
     access: Optional[Access] = None,
     windowed: bool = False,
     progress: Optional[Callable[[str, float], None]] = None,
+    options: Optional[Options] = None,
 ) -> Iterator[Source]:
     """Open what the user gave: one source, or several tiles of one survey.
 
@@ -79,6 +81,7 @@ def open_source(
     access : of WebODM servers; by default what the environment says.
     windowed : only a part of the points will be asked for, or none.
     progress : told what is fetched, and the share that is there.
+    options : the CRS and the units that the user gave, which go before what files say.
 
     Raises
     ------
@@ -99,7 +102,7 @@ def open_source(
                 {path: item.fetch for item in located if item.fetch for path in item.paths},
             )
         yield Source(
-            cloud=_Presented(cloud, _info(cloud.info, located, aliases), aliases),
+            cloud=_Presented(cloud, _info(cloud.info, located, aliases, options), aliases),
             label=" ".join(item.given for item in located),
             stem=_common_stem(located),
             is_odm=any(item.is_odm for item in located),
@@ -204,27 +207,51 @@ def _input(given: str, path: Path) -> Mapping[str, Any]:
     return {"path": given, "size": status.st_size, "mtime": changed}
 
 
-def _info(info: CloudInfo, located: Sequence[_Located], aliases: Aliases) -> CloudInfo:
-    """Add what the sources know beyond the files themselves."""
+def _info(
+    info: CloudInfo, located: Sequence[_Located], aliases: Aliases, options: Optional[Options]
+) -> CloudInfo:
+    """Add what the user and the surroundings of the files say beyond the files themselves."""
     warnings = [_rename(text, aliases) for text in info.warnings]
     warnings += [text for item in located for text in item.warnings]
-    info = replace(info, sources=tuple(_rename(text, aliases) for text in info.sources))
+    given = None if options is None else _given(options)
+    statements = [] if given is None else [given]
+    if info.crs is not None:
+        statements.append(Statement(info.crs_origin or info.format, info.crs))
     sidecars = {item.sidecar.crs: item.sidecar for item in located if item.sidecar}
-    if info.crs is None and sidecars:
-        if len(sidecars) > 1:
-            raise CloudError(
-                f"the sources are in different CRS ({', '.join(sorted(sidecars))[:200]}); expected "
-                "tiles of one survey: measure them one by one"
-            )
-        (sidecar,) = sidecars.values()
+    if len(sidecars) > 1 and not any(statement.crs for statement in statements):
+        raise CloudError(
+            f"the sources are in different CRS ({', '.join(sorted(sidecars))[:200]}); expected "
+            "tiles of one survey: measure them one by one"
+        )
+    for sidecar in sidecars.values():
         if sidecar.fits(info.bounds):
-            info = replace(info, crs=sidecar.crs, crs_origin=sidecar.origin)
-        else:
+            statements.append(statement_of_wkt(sidecar.crs, sidecar.origin))
+        elif not statements:
             warnings.append(
                 f"{sidecar.origin} says {sidecar.crs}, but the cloud is nowhere near the place it "
                 "gives: the cloud is taken to have no CRS"
             )
-    return replace(info, warnings=tuple(warnings))
+    stated = merge(statements)
+    return replace(
+        info,
+        sources=tuple(_rename(text, aliases) for text in info.sources),
+        crs=stated.crs,
+        crs_origin=stated.origin,
+        warnings=(*warnings, *stated.warnings),
+    )
+
+
+def _given(options: Options) -> Optional[Statement]:
+    """Return what the user says of the CRS and the heights."""
+    height, unit = options.vertical_unit, options.source_unit
+    if options.crs is None and height is None:
+        return None
+    return Statement(
+        "--crs" if options.crs is not None else "--vertical-unit",
+        None if options.crs is None else given_crs(options.crs),
+        unit=None if unit is None or options.crs is not None else (unit, UNITS_M[unit]),
+        height_unit=None if height is None else (height, UNITS_M[height]),
+    )
 
 
 class _Presented:

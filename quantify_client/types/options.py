@@ -18,6 +18,9 @@ class Options:
     :mod:`quantify_client.volcalc.base`, ``"compare"`` or an elevation in metres; ``floor`` is
     ``"auto"``, ``"none"``, ``"plane"`` or an elevation in metres; ``max_gap`` is in metres;
     ``density`` is in t/m3. ``gcp`` is a control file; ``area_frame`` and ``scale_mode`` go with it.
+    ``crs`` (``EPSG:n``, WKT, a PROJ string or a file with one) and ``vertical_unit`` go before what
+    the cloud says, ``source_unit`` is for one that does not say: ``"m"``, ``"cm"``, ``"mm"``,
+    ``"ft"`` or ``"us-ft"``.
     """
 
     area: Optional[Any] = None
@@ -34,7 +37,9 @@ class Options:
     gcp: Optional[Any] = None
     area_frame: str = "cloud"
     scale_mode: str = "auto"
+    crs: Optional[str] = None
     source_unit: Optional[str] = None
+    vertical_unit: Optional[str] = None
     density: Optional[float] = None
     density_sigma: float = 0.0
     threads: int = 0

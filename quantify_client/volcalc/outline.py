@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Sequence
+
 import numpy as np
 import numpy.typing as npt
 import shapely
@@ -14,7 +16,7 @@ from .grid import CellWindow, Grid
 from .heights import cell_heights
 from .surface import Voxels
 
-__all__ = ["cloud_outline", "core_window", "typical_height"]
+__all__ = ["cloud_outline", "core_window", "height_quantiles"]
 
 #: Gaps in the outline up to twice this many cells are closed.
 _CLOSING = 2
@@ -99,14 +101,17 @@ def core_window(voxels: Voxels, grid: Grid, bounds: Window | None = None) -> Win
     )
 
 
-def typical_height(voxels: Voxels) -> float:
-    """Return the median height, to half a streaming cell; 0 without points."""
+def height_quantiles(voxels: Voxels, shares: Sequence[float]) -> list[float]:
+    """Return heights below which these shares of the points lie, to half a streaming cell.
+
+    Metres; 0 without points.
+    """
     if not len(voxels.bin):
-        return 0.0
-    lowest = int(voxels.bin.min())
-    running = np.bincount(voxels.bin - lowest, voxels.count).cumsum()
-    middle = lowest + int(np.searchsorted(running, running[-1] / 2))
-    return float(middle * voxels.bin_quanta * voxels.quantum)
+        return [0.0] * len(shares)
+    bins, place = np.unique(voxels.bin, return_inverse=True)
+    running = np.bincount(place.ravel(), voxels.count).cumsum()
+    found = bins[np.searchsorted(running, np.asarray(shares) * running[-1])]
+    return [float(height) for height in found * (voxels.bin_quanta * voxels.quantum)]
 
 
 def _core(index: IntArray, count: IntArray) -> tuple[float, float]:

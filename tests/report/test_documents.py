@@ -21,6 +21,7 @@ from quantify_client.crs import Frame
 from quantify_client.errors import CrsError
 from quantify_client.report import geojson, to_json
 from quantify_client.report.csvout import write_slices
+from quantify_client.types import Slice
 
 from . import scalings, surveys
 
@@ -90,6 +91,17 @@ def test_interval_is_1_96_standard_deviations() -> None:
     assert row["cut_interval95_m3"] is None
 
 
+def test_intervals_of_cut_and_fill_end_at_zero() -> None:
+    """0.008 +- 0.165 m3: no cut is negative, and net stays symmetric."""
+    result = surveys.body(
+        volume_m3=-0.1, std_m3=0.1, cut_m3=0.008, cut_std_m3=0.084, fill_m3=0.108, fill_std_m3=0.05
+    )
+    row = to_json(surveys.measurement(result))["results"][0]
+    assert row["cut_interval95_m3"] == pytest.approx([0.0, 0.17264], abs=1e-12)
+    assert row["fill_interval95_m3"] == pytest.approx([0.01, 0.206], abs=1e-12)
+    assert row["interval95_m3"] == pytest.approx([-0.296, 0.096], abs=1e-12)
+
+
 def test_nan_and_numpy_numbers_never_reach_json() -> None:
     result = surveys.body(
         std_m3=math.nan, min_z_m=np.float64(1.5), points_used=np.int64(7), max_z_m=math.inf
@@ -118,6 +130,13 @@ def slices_csv(*names: str) -> List[List[str]]:
     file = io.StringIO(newline="")
     write_slices(surveys.measurement(*(surveys.body(name) for name in names)), file)
     return list(csv.reader(io.StringIO(file.getvalue(), newline="")))
+
+
+def test_slices_are_written_without_the_digits_of_rounding() -> None:
+    piece = Slice(z_m=0.1 + 0.2, height_m=0.2, area_m2=1e9 / 7, volume_m3=-3 * 0.1, points=3)
+    file = io.StringIO(newline="")
+    write_slices(surveys.measurement(surveys.body("a", slices=(piece,))), file)
+    assert file.getvalue().splitlines()[1] == "a,0.3,0.2,142857142.857,-0.3,3"
 
 
 @pytest.mark.parametrize(

@@ -50,12 +50,21 @@ def test_level_pair_has_an_interval() -> None:
     )
 
 
-@pytest.mark.parametrize(("sigma", "level"), [(0.74, False), (0.76, True)])
-def test_interval_begins_at_three_sigma(sigma: float, level: bool) -> None:
-    """dz = 3 and its sigma 4 sigma_d / 3: equal to a third of dz at sigma_d = 0.75."""
+@pytest.mark.parametrize(("sigma", "level"), [(0.37, False), (0.38, True)])
+def test_interval_begins_at_three_sigma_of_the_squares(sigma: float, level: bool) -> None:
+    """D^2 - d^2 = 9 and its sigma 2 d sigma_d = 8 sigma_d: a third of it at sigma_d = 0.375."""
     found = direct_height(AB, (5.0, 0.0), (4.0, sigma), 1)
     assert (found.interval_m is not None) is level
     assert bool(found.note) is level
+
+
+def test_level_pairs_are_told_as_such() -> None:
+    """Of level pairs one in 740 exceeds three sigma to the steep side (normal distribution)."""
+    rng, sure = np.random.default_rng(5), 0
+    for tape, across in zip(rng.normal(30.0, 0.01, 20_000), rng.normal(30.0, 0.5, 20_000)):
+        found = direct_height(AB, (tape, 0.01), (across, 0.5), 1)
+        sure += found.dz_m is not None and found.interval_m is None
+    assert sure / 20_000 == pytest.approx(0.00135, abs=0.0009)
 
 
 def test_tape_shorter_than_the_ground_is_told_by_how_much() -> None:
