@@ -63,7 +63,7 @@ def _area_of_use(crs: CRS) -> Any:
     """Return EPSG's area of use: west, south, east, north in degrees, and a name; or None."""
     if crs.area_of_use is not None:
         return crs.area_of_use
-    code = crs.to_epsg(min_confidence=70)
+    code = crs.to_epsg(min_confidence=90)  # 70 takes a grid of another country for it
     return None if code is None else CRS.from_epsg(code).area_of_use
 
 
