@@ -50,7 +50,7 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
 .PHONY: demo plugin test test-newest test-live test-webodm fuzz lock lint lint39 format suite suite39 \
-	say say39 coverage clean
+	broker say say39 coverage clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -62,7 +62,7 @@ demo: $(VENV)/.ready
 plugin: $(VENV)/.ready
 	$(VENV)/bin/quantify-client plugin --out dist
 
-test: say say39 lint lint39 suite suite39
+test: say say39 lint lint39 suite suite39 broker
 
 SUITE = -m pytest -n $(JOBS) --dist worksteal --durations=10
 
@@ -128,6 +128,23 @@ say39:
 lint39 suite39:
 endif
 
+# Celery as WebODM has it lives with no newer setuptools, so it has an environment of its own.
+BROKER_PINS := celery==4.4.0 kombu==4.6.7 redis==3.2.0 vine==1.3.0 "importlib_metadata<5" \
+	"setuptools<58" pytest
+
+ifneq ($(and $(PYTHON39),$(shell command -v redis-server)),)
+broker: .venv-broker/.ready
+	.venv-broker/bin/python -m pytest --noconftest -p no:cacheprovider tests/plugin/test_broker.py
+
+.venv-broker/.ready: Makefile
+	$(call install,.venv-broker,$(PYTHON39),$(BROKER_PINS))
+	@touch $@
+else
+broker:
+	@echo "No Python 3.9 or no redis-server found: the plugin's tests of the broker are left out;" \
+	  "'sudo apt install redis-server' brings it."
+endif
+
 # In a throw-away environment for each Python; names and versions only, not where they came from.
 lock:
 	$(call need_python,$(PYTHON39))
@@ -136,7 +153,7 @@ lock:
 	$(call lock,$(DEV_VERSION),$(PYTHON313))
 
 clean:
-	rm -rf $(VENV) $(DEV) $(OLD) $(NEWEST) demo-out build dist *.egg-info .coverage .coverage.*
+	rm -rf $(VENV) $(DEV) $(OLD) $(NEWEST) .venv-broker demo-out build dist *.egg-info .coverage .coverage.*
 	rm -rf .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	find quantify_client tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
 

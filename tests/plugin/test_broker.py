@@ -1,11 +1,7 @@
 """The broker as WebODM has it: a Redis that is killed, restarted, or stands still; Celery's worker.
 
 Needs redis-server and WebODM's versions of Celery and its kin, which none of the other tests does:
-
-    python3.9 -m venv /tmp/broker
-    /tmp/broker/bin/pip install celery==4.4.0 kombu==4.6.7 redis==3.2.0 vine==1.3.0 \\
-        "importlib_metadata<5" "setuptools<58" pytest
-    /tmp/broker/bin/python -m pytest --noconftest tests/plugin/test_broker.py
+`make broker` installs them into an environment of their own.
 """
 
 import importlib
