@@ -146,6 +146,20 @@ def test_an_outline_wound_within_its_cells_is_refused(cloud):
     assert "simplify it" in problem
 
 
+def test_a_comb_costs_no_more_than_its_small_area(cloud):
+    teeth = [[X + 45 + 10 * i / 12_000, Y + 45 + 9 * (i % 2)] for i in range(12_000)]
+    told = measured(cloud, area=areas([*teeth, [X + 56, Y + 56], [X + 44, Y + 56]]))
+    assert "goes to and fro within" in told.problem
+    assert "simplify it" in told.problem
+
+
+def test_an_outline_in_steps_finer_than_the_cells_is_measured(cloud):
+    corners = np.repeat(np.array(ring(4000)), 2, axis=0)
+    steps = np.column_stack([corners[1:, 0], corners[:-1, 1]])
+    told = measured(cloud, area=areas(steps.tolist())).only
+    assert told["volume_m3"] == pytest.approx(CONE, rel=1e-2)
+
+
 def test_an_outline_of_very_many_corners_is_measured(cloud):
     few, many = measured(cloud, area=areas(ring(4000), ring(130_000))).results
     assert many["volume_m3"] == pytest.approx(few["volume_m3"], rel=1e-3)

@@ -39,6 +39,10 @@ _MAX_SPLITS = 12
 #: that needs more goes to and fro within the same cells.
 MOST_POINTS = 250_000
 
+#: Metres of outline in each cell that it touches, at most, in cells. A raster's steps have two,
+#: and what is drawn freely hardly more; an outline that is a comb costs more than its area can need.
+_MOST_FOLDS = 8
+
 #: Of an outline with very many corners, bends of less than this share of a cell are left out.
 _FINEST = 0.05
 
@@ -107,8 +111,11 @@ def sample_rim(parts: Sequence[Polygon], heights: CellHeights, fraction: FloatAr
 
 
 def require_plain_outline(parts: Sequence[Polygon], cell: float) -> None:
-    """Raise SupportError when outlines need more points, a cell apart, than can be looked at."""
-    length = sum(part.length for part in parts)
+    """Raise SupportError when outlines need more points, a cell apart, than can be looked at.
+
+    Or when they go to and fro so often that the points are many more than the cells they are in.
+    """
+    length = sum(part.exterior.length for part in parts)
     corners = sum(len(_plain(part, cell).coords) for part in parts)
     needed = corners + length / cell
     if needed > MOST_POINTS:
@@ -117,6 +124,20 @@ def require_plain_outline(parts: Sequence[Polygon], cell: float) -> None:
             f"{needed:,.0f} points in cells of {cell:g} m, and at most {MOST_POINTS:,} can be "
             "measured; simplify it, or divide the area into several"
         )
+    touched = _cells_touched(parts, cell)
+    if length > _MOST_FOLDS * touched * cell:
+        raise SupportError(
+            f"the outline is {length:.4g} m long and goes to and fro within {touched:,} cells of "
+            f"{cell:g} m; expected at most {_MOST_FOLDS} times a cell's length in each: simplify it"
+        )
+
+
+def _cells_touched(parts: Sequence[Polygon], cell: float) -> int:
+    """Count the cells that outer rings lead through, but for corners that they just cut."""
+    low = np.min([part.bounds[:2] for part in parts], axis=0)
+    rings = [shapely.segmentize(_plain(part, cell), cell) for part in parts]
+    places = np.floor((shapely.get_coordinates(rings) - low) / cell).astype(np.int64)
+    return len(np.unique(places, axis=0))
 
 
 def _plain(polygon: Polygon, step: float) -> LinearRing:
