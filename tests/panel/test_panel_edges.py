@@ -109,6 +109,38 @@ def test_a_series_says_which_base_each_volume_has(open_page, tasks, outline):
     assert rows[1].rstrip().endswith("\u2013")  # no change over time: another question was asked
 
 
+def test_what_older_versions_saved_is_told_in_the_end(open_page, tasks, outline, stand_in):
+    """They wrote no head, and a request reads of such files what it has the time for."""
+    page = open_page().open(("Mine", tasks["Mine"])).open_panel()
+    saved_pile(page, outline)
+    folder = next(stand_in[1].glob(f"media/project/*/task/{tasks['Mine']['id']}/assets/volcalc"))
+    document = json.loads(next(folder.glob("*.json")).read_text())
+    del document["head"]
+    (result,) = document["measurement"]["results"]
+    slices = result["slices"][:1] * 2000
+    document["measurement"]["results"] = [{**result, "slices": slices}] * 4
+    old = [folder / f"{place:032x}.json" for place in range(20)]
+    for place, path in enumerate(old):
+        path.write_text(json.dumps({**document, "id": path.stem, "name": f"Old {place}"}))
+    assert 300_000 < old[0].stat().st_size < 1_000_000
+    try:
+        page.page.reload()
+        page.open_panel()
+        count = len(list(folder.glob("*.json")))
+        page.page.click(f"role=tab[name='Saved ({count})']")
+        page.page.wait_for_function(f"document.querySelectorAll('.vc-saved-sum').length === {count}")
+        assert page.page.locator(".vc-saved >> text=not read").count() == 0
+        for path in old:
+            path.write_text(path.read_text() + " ")
+        page.page.click("role=tab[name='Over time']")
+        page.page.wait_for_selector("text=of an older version are still being read")
+        page.page.wait_for_function("document.querySelectorAll('.vc-table tbody tr').length > 20")
+        assert page.page.locator("text=still being read").count() == 0
+    finally:
+        for path in old:
+            path.unlink()
+
+
 def test_a_comma_that_could_mean_thousands_is_asked_about(open_page, tasks, outline):
     page = open_page().open(("Beach", tasks["Beach"])).open_panel()
     page.look_at(outline)

@@ -28,7 +28,7 @@ began, budget, rows = time.process_time(), entries.Budget(), []
 for saved, path, _ in store.saved_paths(task):
     try:
         rows.append(entries.entry_of(path, saved, budget))
-    except entries.NotReadError as error:
+    except (entries.UnreadError, entries.TooLargeError) as error:
         rows.append(str(error))
 seconds = time.process_time() - began
 grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - peak

@@ -127,6 +127,9 @@ export class TaskApi {
   }
 }
 
+/** How often the server is asked to go on with what older versions saved, and how long it rests in between. */
+export const READING = { times: 200, pause: 500 };
+
 const POINT_CLOUD = /^georeferenced_model\.(laz|las)$/;
 
 /** The tasks of a project that can be measured, as WebODM lists them: [{id, name}]. */
