@@ -97,9 +97,7 @@ class Series(VolumeView):
                 key = entry["area_key"]
                 group = {"area_key": key, "name": entry["name"], "rows": []}
                 series.setdefault(key, group)["rows"].append(self._row(other, saved, entry))
-        return self.answer(
-            {"areas": list(series.values()), "unread": unread, "left_out": left_out}
-        )
+        return self.answer({"areas": list(series.values()), "unread": unread, "left_out": left_out})
 
     def _tasks(self, task):
         found = self.queryset.filter(project=task.project).order_by("created_at")

@@ -45,8 +45,9 @@ def has_crs(task, sources):
         if isinstance(srs, dict) and (srs.get("wkt") or srs.get("horizontal")):
             return True
     with contextlib.suppress(UnreadableError):
+        head, _ = read_head(sources["laz"], _CLOUD_HEAD) if sources["laz"] else (b"", 0)
         # The records of LAS that tell it have this author, whichever of the two kinds they are.
-        return bool(sources["laz"]) and b"LASF_Projection" in read_head(sources["laz"], _CLOUD_HEAD)[0]
+        return b"LASF_Projection" in head
     return False
 
 

@@ -128,13 +128,13 @@ def test_what_older_versions_saved_is_told_in_the_end(open_page, tasks, outline,
         page.open_panel()
         count = len(list(folder.glob("*.json")))
         page.page.click(f"role=tab[name='Saved ({count})']")
-        page.page.wait_for_function(f"document.querySelectorAll('.vc-saved-sum').length === {count}")
+        page.page.wait_for_selector(f".vc-saved-sum >> nth={count - 1}")
         assert page.page.locator(".vc-saved >> text=not read").count() == 0
         for path in old:
             path.write_text(path.read_text() + " ")
         page.page.click("role=tab[name='Over time']")
         page.page.wait_for_selector("text=of an older version are still being read")
-        page.page.wait_for_function("document.querySelectorAll('.vc-table tbody tr').length > 20")
+        page.page.wait_for_selector(".vc-table tbody tr >> nth=20")
         assert page.page.locator("text=still being read").count() == 0
     finally:
         for path in old:

@@ -1,6 +1,7 @@
 """Whatever passes the check of a saved document can be listed, shown and exported."""
 
 import copy
+import gc
 import importlib
 import json
 import random
@@ -213,6 +214,17 @@ def test_files_that_nothing_can_be_told_of_do_not_keep_the_others_from_it(
     answers = [told(entries, paths) for _ in range(20)]
     assert answers[0].count("UnreadError") > 20
     assert answers[-1] == [*["MisshapenError"] * 30, *["TooLargeError"] * 29, document["name"]]
+
+
+def test_collector_is_away_while_a_file_is_parsed_and_back_afterwards(documents):
+    """In a web process, whose heap is large, it took longer than the parsing."""
+    data = b"[" + b"[-91.1234567, 46.1234567]," * 100_000 + b"0]"
+    before = gc.get_stats()[0]["collections"]
+    documents.parsed(data)
+    assert gc.get_stats()[0]["collections"] - before < 10
+    with pytest.raises(documents.MisshapenError):
+        documents.parsed(data[:-1])
+    assert gc.isenabled()
 
 
 def test_number_of_a_million_digits_takes_no_time(documents):
