@@ -31,8 +31,11 @@ _TYPES = {"csv": "text/csv", "geojson": "application/geo+json", "html": "text/ht
 
 
 def _reading():
-    """Read at most two documents at once: each takes a part of a second and up to 150 MB."""
-    return one_of(jobs_root(), 2, ".reading")
+    """Read at most two documents at once: each takes a part of a second and up to 150 MB.
+
+    Who finds no place soon is to come again: the other pages need the workers that would wait.
+    """
+    return one_of(jobs_root(), 2, ".reading", wait_s=0.5)
 
 
 def _read(task, saved):

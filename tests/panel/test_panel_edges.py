@@ -109,6 +109,25 @@ def test_a_series_says_which_base_each_volume_has(open_page, tasks, outline):
     assert rows[1].rstrip().endswith("\u2013")  # no change over time: another question was asked
 
 
+def test_who_finds_the_server_busy_comes_again(open_page, tasks, outline):
+    page = open_page().open(("Mine", tasks["Mine"])).open_panel()
+    saved_pile(page, outline)
+    busy = {
+        "status": 503,
+        "headers": {"Retry-After": "1"},
+        "json": {"error": "others keep it busy"},
+    }
+    left = [busy, busy]
+    page.page.route(
+        "**/measurements/*",
+        lambda route: route.fulfill(**left.pop()) if left else route.continue_(),
+    )
+    page.page.click("[aria-label='Show Pile'] >> nth=0")
+    page.page.wait_for_selector(".vc-hero")
+    assert not left
+    assert page.page.locator(".vc-error").count() == 0
+
+
 def test_what_older_versions_saved_is_told_in_the_end(open_page, tasks, outline, stand_in):
     """They wrote no head, and a request reads of such files what it has the time for."""
     page = open_page().open(("Mine", tasks["Mine"])).open_panel()
