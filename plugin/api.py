@@ -8,10 +8,10 @@ import os
 from . import records
 from .base import VolumeView, may_change, may_view_project, plugin_here
 from .checks import LIMITS
-from .entries import Budget, NotReadError, entry_of
+from .entries import Budget, TooLargeError, UnreadError, entry_of
 from .job_views import own_jobs
 from .shapes import MisshapenError
-from .starting import crop_of, reason_not, sources_of
+from .starting import crop_of, has_crs, reason_not, sources_of
 from .store import UnreadableError, saved_paths
 
 __all__ = ["Overview", "Series"]
@@ -44,7 +44,7 @@ class Overview(VolumeView):
                 "can_run": reason is None,
                 "reason": reason,
                 "sources": {kind: path is not None for kind, path in sources.items()},
-                "has_crs": bool(task.epsg or task.wkt),
+                "has_crs": has_crs(task, sources),
                 "crop": crop_of(task),
                 "extent": None if extent is None else [float(value) for value in extent],
                 "points": _points_of(task),
@@ -73,10 +73,14 @@ class Series(VolumeView):
     _MOST_TASKS, _MOST_ROWS = 100, 500
 
     def get(self, request, pk=None):
-        """Return the areas of this task's project and what was measured in each."""
+        """Return the areas of this task's project and what was measured in each.
+
+        With it the number of those that the next request will tell (`unread`), and of those that
+        cannot be told of here (`left_out`).
+        """
         task = self.task(request, pk)
         whole = may_view_project(request, task.project)
-        series, rows, budget = {}, 0, Budget()
+        series, rows, budget, unread, left_out = {}, 0, Budget(), 0, 0
         for other in self._tasks(task):
             if not (whole or other.public) or rows >= self._MOST_ROWS:
                 continue
@@ -84,12 +88,16 @@ class Series(VolumeView):
                 rows += 1
                 try:
                     entry = entry_of(path, saved, budget)
-                except (UnreadableError, MisshapenError, NotReadError):
+                except UnreadError:
+                    unread += 1
+                    continue
+                except (UnreadableError, MisshapenError, TooLargeError):
+                    left_out += 1
                     continue
                 key = entry["area_key"]
                 group = {"area_key": key, "name": entry["name"], "rows": []}
                 series.setdefault(key, group)["rows"].append(self._row(other, saved, entry))
-        return self.answer(list(series.values()))
+        return self.answer({"areas": list(series.values()), "unread": unread, "left_out": left_out})
 
     def _tasks(self, task):
         found = self.queryset.filter(project=task.project).order_by("created_at")

@@ -2,9 +2,9 @@
 
 A file of 8 MB takes some tenths of a second to check, and a list has up to 200: a visitor who opens
 a page is not to keep WebODM busy for a minute. So a file begins with what lists tell of it. One
-from an older version has no such head; of it is read what comes before the layers, of a bounded
-number at a time. What a list tells is checked for its shape; whether the file holds the same, when
-it is opened.
+from an older version has no such head; of it is read what comes before the layers, once, and of a
+bounded number in one request: the next request goes on. What a list tells is checked for its shape;
+whether the file holds the same, when it is opened.
 """
 
 import json
@@ -28,10 +28,12 @@ from .shapes import (
 from .store import read_head
 from .summary import entry_from
 
-__all__ = ["Budget", "NotReadError", "entry_of"]
+__all__ = ["Budget", "TooLargeError", "UnreadError", "entry_of"]
 
-_HEAD_BYTES, _FRONT_BYTES = 16_000, 256_000
-_BUDGET = 2_000_000
+# Most files have their layers within the first look; no request parses more than the budget, nor
+# does it look for the layers of more than so many files that have them further on.
+_HEAD_BYTES, _LOOK_BYTES = 16_000, 256_000
+_BUDGET, _LONG_LOOKS = 2_000_000, 10
 _MOST_KNOWN, _LONGEST_KNOWN = 1000, 4000
 
 _NUMBER, _POSITIVE = Number(-1e18, 1e18), Number(0, 1e18)
@@ -57,25 +59,42 @@ _BEGIN = re.compile(rf'\s*\{{\s*"{HEAD}"\s*:\s*')
 # Quotes inside a text have a backslash before them, so that this is never part of one.
 _LAYERS = re.compile(rb',\s*"layers"\s*:')
 
-# Of files without a head, as JSON texts, by which file it is.
+# Of files without a head, by which file it is: the entry as a JSON text, or why there is none.
+# Whatever cost anything is remembered, so that each request gets further than the one before.
 _known = {}
 
 
-class NotReadError(Exception):
-    """A list has read enough, or the file is none that can be told of without opening it."""
+class UnreadError(Exception):
+    """The request has read enough: a later one goes on."""
+
+    def __init__(self):
+        super().__init__("not read yet: load the list again, or open it")
+
+
+class TooLargeError(Exception):
+    """The file is none that can be told of without opening it."""
+
+    def __init__(self):
+        super().__init__("too large to be told of here: open it")
 
 
 class Budget:
-    """How many bytes of files without a head one request may still read."""
+    """How much of files without a head one request may still read."""
 
     def __init__(self):
-        self.left = _BUDGET
+        self.left, self.looks = _BUDGET, _LONG_LOOKS
 
     def take(self, size):
-        """Count some bytes, or say that they are too many."""
+        """Count some bytes that are to be parsed, or say that they are too many."""
         if size > self.left:
-            raise NotReadError("not read yet: load the list again, or open it")
+            raise UnreadError
         self.left -= size
+
+    def look(self):
+        """Count a long look, or say that it is one too many."""
+        if not self.looks:
+            raise UnreadError
+        self.looks -= 1
 
 
 def entry_of(path, saved, budget):
@@ -87,8 +106,10 @@ def entry_of(path, saved, budget):
         The file is not there, or no file.
     MisshapenError
         It is no measurement of ours.
-    NotReadError
-        It has no head, and reading it would take longer than a list may.
+    UnreadError
+        It has no head, and this request may read no more.
+    TooLargeError
+        It has no head, and what it tells is too long for a list.
     """
     data, size = read_head(path, _HEAD_BYTES)
     text = data.decode("utf-8", "ignore")
@@ -109,25 +130,40 @@ def _from_head(text, start):
 def _without_head(path, size, budget):
     about = os.stat(str(path), follow_symlinks=False)
     key = (str(path), about.st_ino, about.st_size, about.st_mtime_ns)
-    if key in _known:
-        return json.loads(_known[key])
-    entry = _read_front(path, size, budget)
-    text = json.dumps(entry)
-    if len(text) < _LONGEST_KNOWN:
+    if key not in _known:
+        found = _remembered(path, size, budget)
         if len(_known) >= _MOST_KNOWN:
             _known.clear()
-        _known[key] = text
-    return entry
+        _known[key] = found
+    kind, text = _known[key]
+    if kind is not None:
+        raise kind(*text)
+    return json.loads(text)
+
+
+def _remembered(path, size, budget):
+    """Return what is to be known of a file: its entry, or the kind and the words of an error."""
+    try:
+        text = json.dumps(_read_front(path, size, budget))
+    except MisshapenError as error:
+        return MisshapenError, (str(error)[:_LONGEST_KNOWN],)
+    except TooLargeError:
+        return TooLargeError, ()
+    return (None, text) if len(text) < _LONGEST_KNOWN else (TooLargeError, ())
 
 
 def _read_front(path, size, budget):
     """Check a small file whole, and of a large one what comes before its layers."""
-    data, _ = read_head(path, _FRONT_BYTES)
-    if size <= _FRONT_BYTES:
+    data, _ = read_head(path, _LOOK_BYTES)
+    if size <= _LOOK_BYTES:
         budget.take(size)
         return entry_from(checked_document(parsed(data)))
     layers = _LAYERS.search(data)
     if layers is None:
-        raise NotReadError("too large to be told of here: open it")
+        budget.look()
+        data, _ = read_head(path, _BUDGET)
+        layers = _LAYERS.search(data)
+    if layers is None:
+        raise TooLargeError
     budget.take(layers.start())
     return entry_from(checked_front(parsed(data[: layers.start()] + b"}")))

@@ -11,7 +11,7 @@ from . import records
 from .base import VolumeView, jobs_root, plugin_here, refused
 from .checks import checked_control, checked_name, checked_options
 from .documents import checked_document, read_document, write_document
-from .entries import Budget, NotReadError, entry_of
+from .entries import Budget, TooLargeError, UnreadError, entry_of
 from .shapes import MisshapenError
 from .starting import start
 from .store import (
@@ -31,8 +31,11 @@ _TYPES = {"csv": "text/csv", "geojson": "application/geo+json", "html": "text/ht
 
 
 def _reading():
-    """Read at most two documents at once: each takes a part of a second and up to 150 MB."""
-    return one_of(jobs_root(), 2, ".reading")
+    """Read at most two documents at once: each takes a part of a second and up to 150 MB.
+
+    Who finds no place soon is to come again: the other pages need the workers that would wait.
+    """
+    return one_of(jobs_root(), 2, ".reading", wait_s=0.5)
 
 
 def _read(task, saved):
@@ -99,10 +102,12 @@ class Measurements(VolumeView):
     @staticmethod
     def _row(saved, path, budget):
         row = dict.fromkeys(("name", "date", "user", "summary", "options", "problem"))
+        row["unread"] = False
         try:
             row.update(entry_of(path, saved, budget))
-        except NotReadError as error:
-            return {**row, "name": "(not read)", "readable": True, "problem": str(error)}
+        except (UnreadError, TooLargeError) as error:
+            row.update(name="(not read)", unread=isinstance(error, UnreadError))
+            return {**row, "readable": True, "problem": str(error)}
         except (UnreadableError, MisshapenError) as error:
             return {**row, "readable": False, "problem": str(error)[:300]}
         del row["area_key"]

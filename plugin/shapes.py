@@ -5,6 +5,8 @@ requirements need not be at hand. What passes is rebuilt from the shape alone, s
 unexpected goes on.
 """
 
+import contextlib
+import gc
 import itertools
 import json
 import math
@@ -50,7 +52,8 @@ def read_json(data):
 def read_json_at(text, start):
     """Parse the JSON value that begins at a place of a text; return it and where it ends."""
     try:
-        value, end = _DECODER.raw_decode(text, start)
+        with _no_collection():
+            value, end = _DECODER.raw_decode(text, start)
         _require_shallow(value)
         if _HALF_CHARACTER.search(text, start, end):
             # Half a character, escaped: no answer that repeats it could be sent.
@@ -64,6 +67,18 @@ def read_json_at(text, start):
     except ValueError as error:
         raise MisshapenError(f"it is not valid JSON ({str(error)[:80]})") from None
     return value, end
+
+
+@contextlib.contextmanager
+def _no_collection():
+    """Keep the garbage collector away: it would go through all that was parsed again and again."""
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collects:
+            gc.enable()
 
 
 def _no_constant(name):

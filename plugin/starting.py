@@ -1,5 +1,6 @@
 """From a checked request to a job in WebODM's queue."""
 
+import contextlib
 import logging
 import os
 
@@ -9,12 +10,14 @@ from .checks import LIMITS, checked_area, polygon_area
 from .folders import new_job
 from .job import run_job
 from .listing import message_of, settle, slots_taken
-from .shapes import MisshapenError
-from .store import one_at_a_time
+from .shapes import MisshapenError, read_json
+from .store import UnreadableError, one_at_a_time, read_capped, read_head
 
-__all__ = ["area_of", "crop_of", "reason_not", "sources_of", "start"]
+__all__ = ["area_of", "crop_of", "has_crs", "reason_not", "sources_of", "start"]
 
 _LONGEST_NAME = 80
+# Of a cloud's file and of the index of its tiles; the coordinate system is near their beginning.
+_CLOUD_HEAD, _MOST_INDEX = 100_000, 1_000_000
 _FOR_OBJECTS = ("method", "center_caps", "hollow", "max_gap", "floor")
 
 
@@ -27,6 +30,25 @@ def sources_of(task):
         if found["laz"] is None and os.path.isfile(path):
             found["laz"] = os.path.abspath(path)
     return found
+
+
+def has_crs(task, sources):
+    """Whether the coordinate system of the task's cloud is known.
+
+    WebODM takes it from the rasters: of a task without any, only the cloud can tell.
+    """
+    if task.epsg or task.wkt:
+        return True
+    with contextlib.suppress(UnreadableError, MisshapenError):
+        index = read_json(read_capped(sources["ept"], _MOST_INDEX)) if sources["ept"] else {}
+        srs = index.get("srs") if isinstance(index, dict) else None
+        if isinstance(srs, dict) and (srs.get("wkt") or srs.get("horizontal")):
+            return True
+    with contextlib.suppress(UnreadableError):
+        head, _ = read_head(sources["laz"], _CLOUD_HEAD) if sources["laz"] else (b"", 0)
+        # The records of LAS that tell it have this author, whichever of the two kinds they are.
+        return b"LASF_Projection" in head
+    return False
 
 
 def reason_not(task):

@@ -108,16 +108,16 @@ def one_at_a_time(root):
 
 
 @contextlib.contextmanager
-def one_of(root, places, name):
+def one_of(root, places, name, wait_s=_LOCK_S):
     """Do something that at most `places` requests may do at once, in all of WebODM's processes.
 
     Raises
     ------
     BusyError
-        No place was free for some seconds: a request that waits keeps one of WebODM's few workers.
+        No place was free for so long: a request that waits keeps one of WebODM's few workers.
     """
     Path(root).mkdir(parents=True, exist_ok=True)
-    ends = time.monotonic() + _LOCK_S
+    ends = time.monotonic() + wait_s
     with contextlib.ExitStack() as stack:
         locks = [
             stack.enter_context((Path(root) / f"{name}{place or ''}").open("w"))

@@ -109,6 +109,57 @@ def test_a_series_says_which_base_each_volume_has(open_page, tasks, outline):
     assert rows[1].rstrip().endswith("\u2013")  # no change over time: another question was asked
 
 
+def test_who_finds_the_server_busy_comes_again(open_page, tasks, outline):
+    page = open_page().open(("Mine", tasks["Mine"])).open_panel()
+    saved_pile(page, outline)
+    busy = {
+        "status": 503,
+        "headers": {"Retry-After": "1"},
+        "json": {"error": "others keep it busy"},
+    }
+    left = [busy, busy]
+    page.page.route(
+        "**/measurements/*",
+        lambda route: route.fulfill(**left.pop()) if left else route.continue_(),
+    )
+    page.page.click("[aria-label='Show Pile'] >> nth=0")
+    page.page.wait_for_selector(".vc-hero")
+    assert not left
+    assert page.page.locator(".vc-error").count() == 0
+
+
+def test_what_older_versions_saved_is_told_in_the_end(open_page, tasks, outline, stand_in):
+    """They wrote no head, and a request reads of such files what it has the time for."""
+    page = open_page().open(("Mine", tasks["Mine"])).open_panel()
+    saved_pile(page, outline)
+    folder = next(stand_in[1].glob(f"media/project/*/task/{tasks['Mine']['id']}/assets/volcalc"))
+    document = json.loads(next(folder.glob("*.json")).read_text())
+    del document["head"]
+    (result,) = document["measurement"]["results"]
+    slices = result["slices"][:1] * 2000
+    document["measurement"]["results"] = [{**result, "slices": slices}] * 4
+    old = [folder / f"{place:032x}.json" for place in range(20)]
+    for place, path in enumerate(old):
+        path.write_text(json.dumps({**document, "id": path.stem, "name": f"Old {place}"}))
+    assert 300_000 < old[0].stat().st_size < 1_000_000
+    try:
+        page.page.reload()
+        page.open_panel()
+        count = len(list(folder.glob("*.json")))
+        page.page.click(f"role=tab[name='Saved ({count})']")
+        page.page.wait_for_selector(f".vc-saved-sum >> nth={count - 1}")
+        assert page.page.locator(".vc-saved >> text=not read").count() == 0
+        for path in old:
+            path.write_text(path.read_text() + " ")
+        page.page.click("role=tab[name='Over time']")
+        page.page.wait_for_selector("text=of an older version are still being read")
+        page.page.wait_for_selector(".vc-table tbody tr >> nth=20")
+        assert page.page.locator("text=still being read").count() == 0
+    finally:
+        for path in old:
+            path.unlink()
+
+
 def test_a_comma_that_could_mean_thousands_is_asked_about(open_page, tasks, outline):
     page = open_page().open(("Beach", tasks["Beach"])).open_panel()
     page.look_at(outline)

@@ -4,6 +4,7 @@ import base64
 import csv
 import io
 import json
+import re
 
 import pytest
 import shapely
@@ -33,7 +34,34 @@ def test_overview_says_what_can_be_done(host, beach_task):
     assert set(found["limits"]) == {
         *("area_bytes", "vertices", "control_bytes", "jobs", "queued_lost_after_s", "kept_days")
     }
-    assert found["version"] == "0.1.0"
+    assert re.fullmatch(r"0\.1\.0\+[0-9a-f]{8}", found["version"])
+
+
+def test_cloud_tells_its_coordinate_system_where_webodm_has_none(host):
+    overview, assets = f"{API}/{host.tasks['No rasters']}/", host.assets("No rasters")
+    tiles = assets / "entwine_pointcloud" / "ept.json"
+    cloud = assets / "odm_georeferencing" / "odm_georeferenced_model.laz"
+    index, points = tiles.read_text(), cloud.read_bytes()
+    bare = json.dumps({**json.loads(index), "srs": {}})
+    nowhere = points.replace(b"LASF_Projection", b"Somebody_else..")
+    assert nowhere != points
+    try:
+        for about, data, known in (
+            (index, points, True),
+            (bare, points, True),
+            (index, nowhere, True),
+            (bare, nowhere, False),
+            ("[]", nowhere, False),
+            ("{", b"", False),
+        ):
+            tiles.write_text(about)
+            cloud.write_bytes(data)
+            found = host.other.get(overview).json
+            assert found["task"]["epsg"] is None
+            assert found["has_crs"] is known
+    finally:
+        tiles.write_text(index)
+        cloud.write_bytes(points)
 
 
 @pytest.mark.parametrize(
@@ -183,7 +211,9 @@ def test_same_area_again_on_another_task_makes_a_series(host, beach_task, kept):
     assert saved["area"] == kept["area"]
     assert saved["area_key"] == kept["area_key"]
     assert saved["options"] == kept["options"]
-    series = {group["area_key"]: group for group in host.viewer.get(f"{API}/{other}/series").json}
+    found = host.viewer.get(f"{API}/{other}/series").json
+    assert (found["unread"], found["left_out"]) == (0, 0)
+    series = {group["area_key"]: group for group in found["areas"]}
     rows = series[kept["area_key"]]["rows"]
     assert [row["task_name"] for row in rows][:2] == ["Beach", "Beach LAZ"]
     assert rows[0]["date"] < rows[1]["date"]

@@ -1,6 +1,7 @@
 """Whatever passes the check of a saved document can be listed, shown and exported."""
 
 import copy
+import gc
 import importlib
 import json
 import random
@@ -155,9 +156,75 @@ def test_list_ends_reading_at_its_budget_and_goes_on_with_the_next(entries, docu
         for path in paths:
             try:
                 told.append(entries.entry_of(path, path.stem, budget))
-            except entries.NotReadError:
+            except entries.UnreadError:
                 continue
     assert requests == -(-len(paths) // (entries._BUDGET // size)) > 1
+
+
+def told(entries, paths):
+    """Return what one request is told of each file: its name, or the kind of error."""
+    budget, found = entries.Budget(), []
+    for path in paths:
+        try:
+            found.append(entries.entry_of(path, path.stem, budget)["name"])
+        except Exception as error:
+            found.append(type(error).__name__)
+    return found
+
+
+def with_slices(document, number):
+    """Return a valid document whose bulk, the slices, comes before its layers."""
+    document = copy.deepcopy(document)
+    (result,) = document["measurement"]["results"]
+    whole, rest = divmod(number, 2000)
+    document["measurement"]["results"] = [
+        {**result, "slices": result["slices"][:1] * some} for some in [2000] * whole + [rest]
+    ]
+    return document
+
+
+def test_long_files_of_an_older_version_are_all_told_in_the_end(
+    entries, documents, document, tmp_path
+):
+    long = with_slices(document, 6000)
+    documents.checked_document(copy.deepcopy(long))
+    paths = [tmp_path / f"{place:032x}.json" for place in range(20)]
+    for path in paths:
+        path.write_text(json.dumps({**long, "id": path.stem}))
+    assert 300_000 < paths[0].stat().st_size < 1_000_000
+    before, requests = 0, 0
+    while before < len(paths):
+        requests += 1
+        now = told(entries, paths).count(document["name"])
+        assert now > before  # each request goes on, whatever the one before left
+        before = now
+    assert requests <= 10
+
+
+def test_files_that_nothing_can_be_told_of_do_not_keep_the_others_from_it(
+    entries, document, tmp_path
+):
+    bad = json.dumps({**with_slices(document, 1000), "schema": "another"})
+    huge = json.dumps(with_slices(document, 30_000))
+    assert len(bad) < 256_000 < 2_000_000 < len(huge) < 8_000_000
+    paths = [tmp_path / f"{place:032x}.json" for place in range(60)]
+    good = json.dumps({**document, "id": paths[-1].stem})
+    for place, path in enumerate(paths):
+        path.write_text(bad if place < 30 else huge if place < 59 else good)
+    answers = [told(entries, paths) for _ in range(20)]
+    assert answers[0].count("UnreadError") > 20
+    assert answers[-1] == [*["MisshapenError"] * 30, *["TooLargeError"] * 29, document["name"]]
+
+
+def test_collector_is_away_while_a_file_is_parsed_and_back_afterwards(documents):
+    """In a web process, whose heap is large, it took longer than the parsing."""
+    data = b"[" + b"[-91.1234567, 46.1234567]," * 100_000 + b"0]"
+    before = gc.get_stats()[0]["collections"]
+    documents.parsed(data)
+    assert gc.get_stats()[0]["collections"] - before < 10
+    with pytest.raises(documents.MisshapenError):
+        documents.parsed(data[:-1])
+    assert gc.isenabled()
 
 
 def test_number_of_a_million_digits_takes_no_time(documents):

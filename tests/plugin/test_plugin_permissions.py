@@ -82,7 +82,8 @@ def test_file_that_webodm_serves_itself_holds_no_user_name(host, kept):
 
 
 def test_stranger_sees_of_a_series_what_is_public(host, public, kept):
-    rows = [row for group in host.other.get(f"{API}/{public}/series").json for row in group["rows"]]
+    areas = host.other.get(f"{API}/{public}/series").json["areas"]
+    rows = [row for group in areas for row in group["rows"]]
     assert {row["task_name"] for row in rows} == {"Public"}
 
 

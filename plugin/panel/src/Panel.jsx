@@ -3,7 +3,7 @@
 
 import React from "React";
 import { ScaleBars } from "./bars";
-import { TaskApi } from "./api";
+import { READING, TaskApi } from "./api";
 import { AreaEditor } from "./draw";
 import { EMPTY_FORM, fromDocument, inUnits, toControl, toOptions } from "./form";
 import { _, fill } from "./gettext";
@@ -52,6 +52,7 @@ export default class Panel extends React.Component {
     this.stopUnits();
     this.mine.destroy();
     this.api = null;
+    clearTimeout(this.reading);
     this.hideLayers();
     this.editor.destroy();
     this.bars.destroy();
@@ -110,13 +111,22 @@ export default class Panel extends React.Component {
     return info.has_crs && this.props.map ? this.state.form : { ...this.state.form, area: "whole" };
   }
 
-  loadList = () => {
+  loadList = (times = READING.times) => {
     const { api } = this;
+    clearTimeout(this.reading);
     return api.list().then(
-      (list) => api === this.api && this.setState({ list }),
+      (list) => api === this.api && this.listed(list, times),
       (error) => api === this.api && this.setState({ list: [], error: error.message }),
     );
   };
+
+  /** What one answer leaves unread the next ones tell; another process of the server may know less. */
+  listed(list, times) {
+    const known = new Map((this.state.list || []).map((row) => [row.id, row]));
+    const rows = list.map((row) => (row.unread && known.get(row.id)) || row);
+    this.setState({ list: rows });
+    if (times && rows.some(({ unread }) => unread)) this.reading = setTimeout(this.loadList, READING.pause, times - 1);
+  }
 
   chooseTask = (taskId) => {
     this.hideLayers();

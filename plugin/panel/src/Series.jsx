@@ -1,6 +1,7 @@
 // The same area in all tasks of the project: how its volume went over time.
 
 import React from "React";
+import { READING } from "./api";
 import { tickText, ticks } from "./Chart";
 import { _, fill } from "./gettext";
 import { Notice, Select, Spinner } from "./ui";
@@ -14,18 +15,29 @@ const TOP = 10;
 const BOTTOM = 20;
 
 export default class Series extends React.Component {
-  state = { groups: null, chosen: null, error: null };
+  state = { groups: null, unread: 0, leftOut: 0, chosen: null, error: null };
 
   componentDidMount() {
     this.alive = true;
-    this.props.api.series().then(
-      (groups) => this.alive && this.setState({ groups }),
-      (error) => this.alive && this.setState({ groups: [], error: error.message }),
-    );
+    this.load(READING.times);
   }
 
   componentWillUnmount() {
     this.alive = false;
+    clearTimeout(this.reading);
+  }
+
+  load(times) {
+    this.props.api.series().then(
+      (found) => this.alive && this.told(found, times),
+      (error) => this.alive && this.setState({ groups: [], error: error.message }),
+    );
+  }
+
+  /** What one answer leaves unread the next ones tell; another process of the server may know less. */
+  told({ areas: groups, unread, left_out: leftOut }, times) {
+    if (!this.state.groups || unread <= this.state.unread) this.setState({ groups, unread, leftOut });
+    if (times && unread) this.reading = setTimeout(() => this.load(times - 1), READING.pause);
   }
 
   render() {
@@ -35,6 +47,7 @@ export default class Series extends React.Component {
     if (!groups.length) {
       return (
         <div className="vc-body vc-empty">
+          {this.renderMissing()}
           <p><strong>{_("Nothing to compare yet")}</strong></p>
           <p className="vc-quiet">
             {_("Save a measurement, then measure it again in another task of this project: its volume over time " +
@@ -47,6 +60,7 @@ export default class Series extends React.Component {
     const group = most.find(({ area_key: key }) => key === this.state.chosen) || most[0];
     return (
       <div className="vc-body">
+        {this.renderMissing()}
         <Select label={_("Area")} value={group.area_key} onChange={(chosen) => this.setState({ chosen })}
           options={most.map(({ area_key: key, name, rows }) => ({ key, text: `${name} (${rows.length})` }))} />
         {group.rows.length > 1 ? this.renderChart(group) : (
@@ -54,6 +68,19 @@ export default class Series extends React.Component {
         )}
         {this.renderTable(group)}
       </div>
+    );
+  }
+
+  renderMissing() {
+    const { unread, leftOut } = this.state;
+    const unreadWords = fill(_("%(count)s saved measurements of an older version are still being read …"), { count: unread });
+    const leftWords = fill(_("%(count)s saved measurements are not shown here: open them under \"Saved\" in their task."),
+      { count: leftOut });
+    return (
+      <>
+        {unread ? <Notice>{unreadWords}</Notice> : null}
+        {leftOut ? <Notice>{leftWords}</Notice> : null}
+      </>
     );
   }
 

@@ -17,7 +17,9 @@ function csrfToken() {
   return found ? decodeURIComponent(found[1]) : "";
 }
 
-async function request(method, url, body) {
+const COME_AGAIN = 10;
+
+async function request(method, url, body, times = method === "GET" ? COME_AGAIN : 0) {
   const headers = { Accept: "application/json" };
   if (method !== "GET") headers["X-CSRFToken"] = csrfToken();
   if (body !== undefined) headers["Content-Type"] = "application/json";
@@ -35,6 +37,11 @@ async function request(method, url, body) {
   if (answer.status === 204) return null;
   const data = await answer.json().catch(() => null);
   if (answer.ok && data !== null) return data;
+  const rest = Number(answer.headers.get("Retry-After"));
+  if (answer.status === 503 && rest > 0 && times > 0) {
+    await new Promise((resolve) => setTimeout(resolve, Math.min(rest, 10) * 1000));
+    return request(method, url, body, times - 1);
+  }
   throw new ApiError(reason(answer.status, data), answer.status, data);
 }
 
@@ -126,6 +133,9 @@ export class TaskApi {
     return `${this.root}/measurements/${encodeURIComponent(id)}/export?format=${format}${query}`;
   }
 }
+
+/** How often the server is asked to go on with what older versions saved, and how long it rests in between. */
+export const READING = { times: 200, pause: 500 };
 
 const POINT_CLOUD = /^georeferenced_model\.(laz|las)$/;
 

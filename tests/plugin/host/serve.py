@@ -139,6 +139,8 @@ def make_tasks(data: Path) -> None:
     corners = [f"{-91.994 + place * 1e-9:.9f} 46.8422" for place in range(10_001)]
     frilly = f"POLYGON (({', '.join([*corners, corners[0]])}))"
     _task(mine, "Frilly", laz=True, day=9, crop_wkt=frilly)
+    # WebODM has the coordinate system from the rasters.
+    _task(elsewhere, "No rasters", ept=True, laz=True, day=10, epsg=None)
 
 
 def _task(project, name: str, *, ept: bool = False, laz: bool = False, day: int, **fields) -> None:
@@ -149,11 +151,10 @@ def _task(project, name: str, *, ept: bool = False, laz: bool = False, day: int,
     task = Task.objects.create(
         project=project,
         name=name,
-        epsg=32615,
         created_at=datetime(2024, 5, day, tzinfo=timezone.utc),
         extent_text=json.dumps(EXTENT),
         points=415_000,
-        **{"crop_wkt": CROP, **fields},
+        **{"crop_wkt": CROP, "epsg": 32615, **fields},
     )
     model = Path(task.get_asset_download_path("georeferenced_model.laz"))
     model.parent.mkdir(parents=True)
