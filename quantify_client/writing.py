@@ -12,6 +12,7 @@ import os
 import re
 import secrets
 import shutil
+import stat
 import sys
 import tempfile
 import time
@@ -267,13 +268,18 @@ def _sweep(parent: Path, prefix: str) -> None:
 
 def _finish(working: Path) -> None:
     """End the moves of a run that was killed among them; newer files than its own stay."""
-    with suppress(OSError, ValueError):
-        names = json.loads((working / _PLAN).read_bytes())
-        begun = (working / _PLAN).stat().st_mtime_ns
+    plan = working / _PLAN
+    with suppress(OSError, ValueError, RecursionError):  # a plan may be anybody's
+        known = plan.lstat()
+        if not stat.S_ISREG(known.st_mode) or known.st_size > _MOST_BYTES:
+            return
+        names, begun = json.loads(plan.read_bytes()), known.st_mtime_ns
         with _turn(working.parent):
-            for name in names:
+            for name in names if isinstance(names, list) else ():
+                if not isinstance(name, str) or Path(name).name != name:
+                    continue
                 new, target = working / name, working.parent / name
-                if Path(name).name != name or not new.is_file():
+                if not new.is_file():
                     continue
                 replaceable = is_ours(target) and target.stat().st_mtime_ns <= begun
                 if replaceable or not os.path.lexists(target):

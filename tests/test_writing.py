@@ -151,3 +151,25 @@ def test_what_is_ours_is_known_by_what_is_inside(
     else:
         with pytest.raises(OutputError, match="no earlier result"):
             require_replaceable(path)
+
+
+@pytest.mark.parametrize(
+    "plan", [b"5", b"null", b"[1]", b'["a\\u0000b", ".."]', b'{"a": 1}', b"[" * 99_999, b"\xff"]
+)
+def test_a_working_folder_that_is_none_of_ours_is_swept_without_a_word(
+    tmp_path: Path, plan: bytes
+) -> None:
+    left = tmp_path / ".quantify-0123456789abcdef"
+    left.mkdir()
+    (left / ".quantify-plan").write_bytes(plan)
+    write(tmp_path, "new")
+    assert contents(tmp_path) == ["new"] * 3
+    assert not left.exists()
+
+
+def test_a_plan_that_is_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    left = tmp_path / ".quantify-0123456789abcdef"
+    left.mkdir()
+    os.mkfifo(left / ".quantify-plan")
+    write(tmp_path, "new")
+    assert not left.exists()
