@@ -2,6 +2,7 @@
 
 import contextlib
 import importlib
+import json
 
 from django.db.models import F
 from django.http import HttpResponse
@@ -141,11 +142,12 @@ class OneMeasurement(VolumeView):
     """One saved measurement."""
 
     def get(self, request, pk=None, saved=None):
-        """Return the document."""
+        """Return the document; its text is made while no more than one other is."""
         task = self.task(request, pk)
+        names = records.names(plugin_here(), task)
         with _reading():
-            document = _read(task, saved)
-        return self.answer(_shown(request, document, records.names(plugin_here(), task)))
+            text = json.dumps(_shown(request, _read(task, saved), names))
+        return HttpResponse(text, content_type="application/json")
 
     def patch(self, request, pk=None, saved=None):
         """Give it another name."""
