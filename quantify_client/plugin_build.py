@@ -16,7 +16,7 @@ from .errors import OutputError
 from .version import VERSION_FILE, package_version
 from .writing import put_in_place, require_replaceable, scratch, staging
 
-__all__ = ["NAME", "build_plugin"]
+__all__ = ["NAME", "build_plugin", "replaceable_zip"]
 
 #: The zip's one folder; WebODM makes it the plugin's name and part of its addresses.
 NAME = "volcalc"
@@ -45,6 +45,14 @@ _BUILD_DIGITS = 8
 Entries = Dict[str, bytes]
 
 
+def replaceable_zip(out: Path, *, offline: bool) -> Path:
+    """Return where a zip goes; OutputError where something lies there that is none of ours."""
+    name = f"{NAME}-offline.zip" if offline else f"{NAME}.zip"
+    target = out if out.suffix == ".zip" else out / name
+    require_replaceable(target)
+    return target
+
+
 def build_plugin(out: Path, *, offline: bool = False) -> Path:
     """Write the plugin's zip into a folder (or to that ``.zip``), the same bytes every time.
 
@@ -57,10 +65,7 @@ def build_plugin(out: Path, *, offline: bool = False) -> Path:
     -------
     The file. Raises OutputError when something is missing or it cannot be written.
     """
-    out = Path(out)
-    name = f"{NAME}-offline.zip" if offline else f"{NAME}.zip"
-    target = out if out.suffix == ".zip" else out / name
-    require_replaceable(target)
+    target = replaceable_zip(out, offline=offline)
     entries = _entries()
     if offline:
         entries.update(_site_packages(entries["requirements.txt"]))

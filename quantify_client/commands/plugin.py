@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from ..plugin_build import build_plugin
+from ..plugin_build import build_plugin, replaceable_zip
 from ..report.words import printable
 
 __all__ = ["plugin"]
@@ -20,6 +20,8 @@ def plugin(given: argparse.Namespace) -> int:
     kinds = [not given.online]
     if not (given.offline or given.online or given.out.suffix == ".zip"):
         kinds = [True, False]
+    for offline in kinds:
+        replaceable_zip(given.out, offline=offline)
     for offline in kinds:
         path = build_plugin(given.out, offline=offline)
         print(f"{printable(path)} ({path.stat().st_size / 1e6:.1f} MB): {_FOR[offline]}")

@@ -56,6 +56,8 @@ class Run:
         made = () if self.command[0] == "volume" else ("out",)  # that makes it itself
         for name in ("cwd", "tmp", *made):
             (self.work / name).mkdir()
+        for name in ("stdout", "stderr"):
+            (self.work / name).touch()  # also where the child is killed before it opens them
         self.before = _contents(self.work / "in")
         sys.stdout.flush()
         sys.stderr.flush()
