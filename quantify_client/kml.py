@@ -7,17 +7,22 @@ links and overlays are not looked at. A document type is refused: it could defin
 from __future__ import annotations
 
 import re
+from itertools import islice
 from pathlib import Path
-from typing import Any, Dict, List, Optional
+from typing import Any, Dict, Iterator, List, Optional
 from xml.parsers import expat
 
 from .errors import AreaError
-from .geojson import MAX_VERTICES, Outline, check_file, geojson_outlines
+from .geojson import MAX_POLYGONS, MAX_VERTICES, Outline, check_file, geojson_outlines
 
 __all__ = ["read_kml"]
 
 _CRS = {"type": "name", "properties": {"name": "EPSG:4326"}}
-_SPACED_COMMA = re.compile(r"\s*,\s*")  # not KML, and often met
+_POSITION = re.compile(
+    r"[^\s,]+(?:\s*,\s*[^\s,]+)*"
+)  # space around commas is not KML, and often met
+_DEEPEST = 256  # elements within each other
+_LONGEST = 1000  # characters of a position
 _OTHERS = {
     "Point": "Point",
     "LineString": "LineString",
@@ -63,6 +68,7 @@ class _Placemarks:
         self._vertices = 0
 
     def parse(self, data: bytes) -> None:
+        self._bound(data.count(b"="), 2 * MAX_VERTICES, "attributes")
         parser = expat.ParserCreate(namespace_separator=" ")
         parser.buffer_text = True
         parser.StartDoctypeDeclHandler = self._doctype
@@ -84,15 +90,21 @@ class _Placemarks:
                 f"{self._where} is no KML: its root is <{name[:40]}>; expected <kml>: export it "
                 "again, or as GeoJSON"
             )
+        if len(self._open) >= _DEEPEST:
+            raise AreaError(
+                f"{self._where} is nested too deeply for KML; export it again, or as GeoJSON"
+            )
         within = self._open[-1] if self._open else ""
         self._open.append(name)
         if name == "Placemark":
+            self._bound(len(self.features) + 1, MAX_POLYGONS, "placemarks")
             self._name, self._geometries, self._rings = None, [], None
         elif self._geometries is None:
             return
         elif name == "Polygon":
             self._rings = []
         elif name in _OTHERS and self._rings is None:
+            self._bound(len(self._geometries) + 1, MAX_VERTICES, "points and lines")
             self._geometries.append({"type": _OTHERS[name]})
         elif name == "coordinates" or (name == "name" and within == "Placemark"):
             self._text = []
@@ -114,17 +126,21 @@ class _Placemarks:
         elif name == "name" and self._open[-1] == "Placemark":
             self._name = text
         elif name == "coordinates" and self._rings is not None:
-            self._ring(self._rings, _positions(text))
+            self._ring(self._rings, text)
 
-    def _ring(self, rings: List[Any], positions: List[List[Any]]) -> None:
+    def _ring(self, rings: List[Any], text: str) -> None:
+        positions = list(islice(_positions(text), MAX_VERTICES - self._vertices + 1))
         self._vertices += len(positions)
-        if self._vertices > MAX_VERTICES:
-            raise AreaError(
-                f"{self._where} holds more than {MAX_VERTICES:,} vertices; keep only the polygons "
-                "to be measured, or simplify them"
-            )
+        self._bound(self._vertices, MAX_VERTICES, "vertices")
         outer = "outerBoundaryIs" in self._open[-3:]
         rings.insert(0 if outer else len(rings), positions)
+
+    def _bound(self, count: int, most: int, of: str) -> None:
+        if count > most:
+            raise AreaError(
+                f"{self._where} holds more than {most:,} {of}; keep only the polygons to be "
+                "measured, or simplify them"
+            )
 
     def _close(self) -> None:
         geometries = self._geometries or []
@@ -141,10 +157,10 @@ class _Placemarks:
         self._geometries = None
 
 
-def _positions(text: str) -> List[List[Any]]:
-    """Return lists of numbers; what is no number stays a text, and is told as such later."""
-    together = _SPACED_COMMA.sub(",", text)
-    return [[_number(value) for value in entry.split(",")[:2]] for entry in together.split()]
+def _positions(text: str) -> Iterator[List[Any]]:
+    """Give lists of numbers; what is no number stays a text, and is told as such later."""
+    for entry in _POSITION.finditer(text):
+        yield [_number(value.strip()) for value in entry.group()[:_LONGEST].split(",")[:2]]
 
 
 def _number(text: str) -> Any:

@@ -67,8 +67,9 @@ def private_copy(
         copy = folder / f"file{path.suffix.lower()}"
         copy.write_bytes(data)
         for ending in beside:
-            companion = path.with_name(path.stem + ending)
-            if not companion.is_file() or not companion.stat().st_size:
+            spellings = (path.with_name(path.stem + e) for e in (ending, ending.upper()))
+            companion = next((p for p in spellings if p.is_file() and p.stat().st_size), None)
+            if companion is None:
                 continue
             if real_path(companion).parent != path.parent:
                 raise error(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import sqlite3
 import warnings
@@ -70,7 +71,8 @@ def read_vector(path: Path) -> Tuple[List[Outline], List[str]]:
                     table = read(copy, layer=layer, force_2d=True, max_features=MAX_POLYGONS + 1)
                     outlines += _layer_outlines(path, *table)
         except (ValueError, RuntimeError) as error:  # pyogrio's own errors are among them
-            raise _unreadable(path, error) from error
+            fault = str(error).replace(f"{copy.parent}{os.sep}file", path.stem)
+            raise _unreadable(path, fault) from error
     _check_size(path, outlines)
     # What pyogrio says of the file; not what numpy says to pyogrio's programmers.
     said = [str(w.message) for w in caught if not issubclass(w.category, DeprecationWarning)]
@@ -127,7 +129,7 @@ def _require_tables(path: Path, copy: Path) -> None:
     except (sqlite3.Error, ValueError) as error:
         if isinstance(error, AreaError):
             raise
-        raise _unreadable(path, error) from error
+        raise _unreadable(path, str(error)) from error
 
 
 _LAYERS = "SELECT table_name FROM gpkg_contents WHERE table_name IS NOT NULL"
@@ -148,8 +150,8 @@ def _computed(path: Path, name: str) -> AreaError:
     )
 
 
-def _unreadable(path: Path, error: Exception) -> AreaError:
-    said = " ".join(str(error).split())[:200]
+def _unreadable(path: Path, said: str) -> AreaError:
+    said = " ".join(said.split())[:200]
     return AreaError(f"{path.name} cannot be read: {said}; export the polygons as GeoJSON")
 
 

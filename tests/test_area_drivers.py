@@ -302,3 +302,18 @@ def test_links_to_a_shapefile_are_followed_as_one(tmp_path, beach):
     area = only(read_areas(link, beach, BEACH))
     assert area.name == "Pile"
     assert area.polygon.area == pytest.approx(100)
+
+
+def test_a_shapefile_in_capitals_keeps_what_belongs_to_it(tmp_path, beach):
+    path = shapefile(tmp_path / "areas.shp")
+    for part in tmp_path.glob("areas.*"):
+        part.rename(part.with_name(f"areas{part.suffix.upper()}"))
+    area = only(read_areas(path.with_suffix(".SHP"), beach, BEACH))
+    assert area.polygon.area == pytest.approx(100.0)
+
+
+def test_what_is_missing_is_named_as_the_user_knows_it(tmp_path, beach):
+    path = shapefile(tmp_path / "areas.shp")
+    path.with_suffix(".shx").unlink()
+    with pytest.raises(AreaError, match=r"Unable to open areas\.shx"):
+        read_areas(path, beach, BEACH)

@@ -108,6 +108,8 @@ class PlyCloud:
             stream = self._path.open("r", encoding="ascii", errors="replace")
         with stream:
             for start, rows in ascii_rows(self._path, stream, self._header, size):
+                if not any(map(str.strip, rows)):  # numpy would warn
+                    raise short(self._path, vertex.count, start)
                 with naming(self._path, f"in the rows after point {start}; {_AGAIN}"):
                     table: FloatArray = np.loadtxt(rows, comments=None, usecols=columns, ndmin=2)
                 if len(table) < len(rows):

@@ -24,6 +24,7 @@ _TYPES = {
     **dict.fromkeys(("double", "float64"), "f8"),
 }
 _MAX_HEADER = 1 << 20
+_MOST_WALKED = 5_000_000  # rows one by one: some seconds
 _MAX_COLUMNS = 1000  # properties of an element; sixty are many
 
 
@@ -179,7 +180,15 @@ def _after(path: Path, element: Element, order: str, offset: int, size: int) -> 
     if not element.has_lists:
         return offset + element.count * element.dtype(order).itemsize
     even = _even_lists(path, element, order, offset, size)
-    return even if even is not None else _walk(path, element, order, offset)
+    if even is not None:
+        return even
+    if element.count > _MOST_WALKED:
+        raise CloudError(
+            f"{path}: has {element.count} rows of '{element.name[:40]}' of differing length before "
+            f"its points, of which at most {_MOST_WALKED} are gone over; export it again, with the "
+            "points first"
+        )
+    return _walk(path, element, order, offset)
 
 
 def _even_lists(path: Path, element: Element, order: str, offset: int, size: int) -> Optional[int]:

@@ -14,7 +14,7 @@ from typing import Optional
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import binary_dilation
-from scipy.spatial import ConvexHull, Delaunay
+from scipy.spatial import ConvexHull, Delaunay, QhullError
 
 from ..types import FloatArray
 
@@ -162,6 +162,10 @@ def _level(normal: FloatArray) -> FloatArray:
     return rotation
 
 
+#: Points along a lid, at most.
+_MOST_STEPS = 2000
+
+
 def lid(points: FloatArray, level: float, upto: float, spacing: float) -> FloatArray:
     """(K, 3) points of a level surface under the foot of a body.
 
@@ -182,10 +186,14 @@ def lid(points: FloatArray, level: float, upto: float, spacing: float) -> FloatA
         middle
         + away * (1.0 + 2.0 * spacing / np.maximum(np.linalg.norm(away, axis=1), spacing))[:, None]
     )
-    step = 0.6 * spacing
+    # Points far from all others must not make the lid cost more than the body.
+    step = max(0.6 * spacing, float(np.ptp(corners, axis=0).max()) / _MOST_STEPS)
     x, y = (np.arange(a, b + step, step) for a, b in zip(corners.min(axis=0), corners.max(axis=0)))
     grid = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
     # Every other row is moved by half a step: triangles instead of squares.
     grid[:, 0] += 0.5 * step * (np.round((grid[:, 1] - y[0]) / step) % 2)
-    inside = grid[Delaunay(corners).find_simplex(grid) >= 0]
+    try:
+        inside = grid[Delaunay(corners).find_simplex(grid) >= 0]
+    except QhullError:  # the foot is a line, which nothing lies over
+        return np.empty((0, 3))
     return np.column_stack([inside, np.full(len(inside), level)])

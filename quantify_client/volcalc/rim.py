@@ -40,7 +40,7 @@ _MAX_SPLITS = 12
 MOST_POINTS = 250_000
 
 #: Metres of outline in each cell that it touches, at most, in cells. A raster's steps have two,
-#: and what is drawn freely hardly more; an outline that is a comb costs more than its area can need.
+#: and what is drawn freely hardly more; a comb costs more than its area can need.
 _MOST_FOLDS = 8
 
 #: Of an outline with very many corners, bends of less than this share of a cell are left out.

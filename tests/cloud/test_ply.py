@@ -110,3 +110,32 @@ def test_single_precision_far_from_the_origin_is_warned_of(tmp_path: Path) -> No
     assert "resolve only 0.5" in far.warnings[0]
     near = points(10) - points(10).min(axis=0)
     assert open_cloud([write_ply(tmp_path / "b.ply", near, kind="float")]).info.warnings == ()
+
+
+def test_empty_lines_in_place_of_points_are_missing_points(tmp_path: Path) -> None:
+    path = write_ply(tmp_path / "cloud.ply", points(5), "ascii")
+    header = path.read_bytes().partition(b"end_header\n")
+    path.write_bytes(b"".join(header[:2]) + b"\n \n\n\n\n")
+    with pytest.raises(CloudError, match="promises 5 points"):
+        open_cloud([path])
+
+
+def test_very_many_rows_of_differing_length_before_the_points_are_not_gone_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("quantify_client.cloud.ply_header._MOST_WALKED", 1000)
+    faces = "element face {}\nproperty list uchar uchar ids\n"
+    for count, even in ((1000, False), (1002, True)):
+        data = b"\0\0" * (count // 2) if even else b"\0\1\7" * (count // 2)
+        path = write_ply(
+            tmp_path / "cloud.ply", points(5), before=faces.format(count), before_data=data
+        )
+        assert len(read_all(open_cloud([path]))) == 5
+    path = write_ply(
+        tmp_path / "cloud.ply",
+        points(5),
+        before=faces.format(1002),
+        before_data=b"\0\1\7" * 501,
+    )
+    with pytest.raises(CloudError, match="1002 rows of 'face' of differing length"):
+        open_cloud([path])
