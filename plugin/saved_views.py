@@ -2,11 +2,11 @@
 
 import contextlib
 import importlib
-import json
 
 from django.db.models import F
 from django.http import HttpResponse
 from rest_framework import exceptions
+from rest_framework.renderers import JSONRenderer
 
 from . import records
 from .base import VolumeView, jobs_root, plugin_here, refused
@@ -146,8 +146,8 @@ class OneMeasurement(VolumeView):
         task = self.task(request, pk)
         names = records.names(plugin_here(), task)
         with _reading():
-            text = json.dumps(_shown(request, _read(task, saved), names))
-        return HttpResponse(text, content_type="application/json")
+            data = JSONRenderer().render(_shown(request, _read(task, saved), names))
+        return HttpResponse(data, content_type="application/json")
 
     def patch(self, request, pk=None, saved=None):
         """Give it another name."""

@@ -207,7 +207,7 @@ def test_a_closed_page_loses_nothing(admin, task, measured):
     page = panel()
     page.wait_for_selector(".vc-job-done, .vc-hero")
     if page.locator(".vc-hero").count():  # it ended while the panel was looking
-        page.click("text=New measurement")
+        page.click("button >> text=New measurement")
     page.click(".vc-job-done [aria-label^='Drop']")
     page.click(".vc-ask >> text=Drop >> nth=-1")
     page.wait_for_selector(".vc-job-done", state="detached")
