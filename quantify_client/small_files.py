@@ -56,6 +56,10 @@ def read_small(
             f"{name} is a Git LFS pointer, not the file itself; fetch that with 'git lfs pull', or "
             "download it"
         )
+    if data.startswith(b"PK\x03\x04"):
+        raise error(
+            f"{name} is a zip archive (as .kmz and .xlsx are), not {what}; unpack it, or export it"
+        )
     if start.startswith((b"<!doctype html", b"<html")):
         raise error(
             f"{name} is a web page, not {what}; log in where it comes from and download the file"

@@ -33,6 +33,7 @@ from quantify_client.errors import AreaError, MissingExtraError, QuantifyError
         ('{"type": "Kücken"}'.encode("latin-1"), "UTF-8"),
         (b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 1\n", "git lfs pull"),
         (b"<!DOCTYPE html><html></html>", "web page"),
+        (b"PK\x03\x04" + bytes(26), "zip archive"),
         (b"[" * 100_000, "nested too deeply"),
         (b'{"type":"GeometryCollection","geometries":[' * 30 + b"]}" * 30, "nested too deeply"),
         (b"9" * 5000, "a number that is none|is not GeoJSON"),
