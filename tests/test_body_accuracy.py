@@ -115,7 +115,8 @@ def test_flaws_of_clouds(name: str, flaws: Flaws) -> None:
 @NEEDS_BUNNY
 @pytest.mark.parametrize("flaws", FLAWS.values(), ids=FLAWS)
 def test_flaws_of_clouds_of_the_bunny(flaws: Flaws) -> None:
-    result = volume_of(scan(BODIES["bunny"](), FEW, seed=1012, flaws=flaws))
+    # Its ears are thin: with half as many points noise fills them.
+    result = volume_of(scan(BODIES["bunny"](), 20_000, seed=1012, flaws=flaws))
     assert error_of(result, 0.20008) < 1.5
 
 

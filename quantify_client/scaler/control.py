@@ -43,6 +43,7 @@ _KEYS: Keys = {
 }
 _ENDINGS = {".yaml": "yaml", ".yml": "yaml", ".json": "json", ".csv": "table"}
 _CRS_LINE = re.compile(r"(EPSG:\d+|WGS\s*84\s+UTM|\+proj=|\+init=)", re.IGNORECASE)
+_UNITS = ["m", "ft", "us-ft"]  # what tapes and surveys come in
 _UNIT_WORDS = {
     **dict.fromkeys(("metre", "metres", "meter", "meters"), "m"),
     **dict.fromkeys(("foot", "feet", "ift", "international foot"), "ft"),
@@ -178,10 +179,10 @@ def _unit(top: Entry) -> Optional[str]:
     if not top.has("unit"):
         return None
     node = top.fields["unit"]
-    if node.text in UNITS_M:
+    if node.text in _UNITS:
         return node.text
     meant = _UNIT_WORDS.get((node.text or "").strip().lower())
-    hint = f"did you mean {quoted(meant)}?" if meant else near_miss(node.text or "", list(UNITS_M))
+    hint = f"did you mean {quoted(meant)}?" if meant else near_miss(node.text or "", _UNITS)
     raise top.error(f"unit is {node.said}: {hint}; it may be m, ft or us-ft")
 
 
