@@ -12,11 +12,11 @@
 # make clean   remove what these made
 #
 # PYTHON=/path/to/python3 chooses the interpreter (3.9 or newer) of the demo and the plugin, PYTHON313
-# and PYTHON39 those of the tests, JOBS=n the number of test workers (3 by default, for two
+# and PYTHON39 those of the tests, JOBS=n the number of test workers (4 by default, for two
 # processors: many tests wait for servers and browsers).
 
 PYTHON ?= python3
-JOBS ?= 3
+JOBS ?= 4
 
 PIP := -m pip --disable-pip-version-check --quiet
 VENV := .venv

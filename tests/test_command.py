@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import os
@@ -177,8 +178,10 @@ def test_a_reader_that_goes_away_is_no_fault(site):
 
 def opened(process, path):
     """Whether a process has a file open (Linux)."""
-    links = Path(f"/proc/{process.pid}/fd").glob("*")
-    return any(os.path.realpath(link) == str(path) for link in links)
+    with contextlib.suppress(FileNotFoundError):  # a file that is closed meanwhile
+        links = Path(f"/proc/{process.pid}/fd").glob("*")
+        return any(os.path.realpath(link) == str(path) for link in links)
+    return False
 
 
 class Interrupted:

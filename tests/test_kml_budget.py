@@ -5,6 +5,9 @@ from bounded import measured
 from clouds import write_las
 from test_outline_budget import site
 
+# Servers, sizes and words: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 HEAD, TAIL = "<kml><Document><Placemark>", "</Placemark></Document></kml>"
 RING = "<Polygon><outerBoundaryIs><LinearRing><coordinates>{}"
 END = "</coordinates></LinearRing></outerBoundaryIs></Polygon>"

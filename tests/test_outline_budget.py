@@ -15,6 +15,9 @@ from drawn import collection, feature
 from quantify_client.crs import geometry_to_wgs84, measuring_frame
 from quantify_client.volcalc.rim import interpolation_along
 
+# Servers, sizes and words: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 X, Y = 576_700.0, 5_188_140.0
 WIDE = 100.0
 CONE = np.pi * 20**2 * 3 / 3

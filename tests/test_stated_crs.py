@@ -17,7 +17,7 @@ import numpy as np
 import pyproj
 import pytest
 from clouds import write_ept
-from hypothesis import given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from quantify_client import describe, measure
@@ -265,6 +265,8 @@ def test_projections_that_are_not_known_keep_their_unit(method: int) -> None:
         st.integers(2050, 3096), st.floats(allow_nan=False, allow_infinity=False), max_size=8
     ),
 )
+@example({1024: 0, 3072: 9001, 4096: 5703}, {})  # a frame that has heights of its own
+@settings(max_examples=40)
 def test_any_keys_lead_to_a_crs_that_is_known_or_to_none(
     keys: Dict[int, int], numbers: Dict[int, float]
 ) -> None:

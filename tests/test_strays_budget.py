@@ -11,6 +11,9 @@ from test_outline_budget import X, Y, areas, ring, site, spiked
 from quantify_client import measure
 from quantify_client.errors import CloudError
 
+# Servers, sizes and words: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 FAR = [3e2, 1e4, 1e6, 1e8, 9e9, 1e15, 1e18, 1e300]
 OFF_THE_MAP = "coordinate beyond any map"
 

@@ -100,7 +100,10 @@ def merge(statements: Sequence[Statement]) -> Stated:
         warnings += _contradiction(plane, other)
     warnings += _height_contradictions(heights)
     text = _with_unit(plane, warnings)
-    return Stated(*_with_heights(text, plane, heights), tuple(warnings))
+    crs, origin = _with_heights(text, plane, heights)
+    if _if_known(crs, str(origin), warnings) is None:  # heights that no such plane can have
+        crs, origin = text, plane.origin
+    return Stated(crs, origin, tuple(warnings))
 
 
 def same_coordinates(one: str, other: str) -> bool:

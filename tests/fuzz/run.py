@@ -44,7 +44,7 @@ def main() -> int:
         cases = _made(root / "inputs")
         if given.honest:  # a case for each command, so that each is run once
             cases = [Case(c.name, c.targets, (line,)) for c in cases for line in c.commands]
-            numbers = range(len(cases))
+            numbers = range(0, len(cases), given.every)
         _warm()
         failed = _all(cases, root, given, numbers)
     print(f"{len(numbers)} runs of seed {given.seed}: {len(failed)} failed")
@@ -57,6 +57,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--first", type=int, default=0, metavar="K", help="number of the first run")
     parser.add_argument("--honest", action="store_true", help="damage nothing: all must succeed")
+    parser.add_argument("--every", type=int, default=1, metavar="N", help="of those, each Nth")
     parser.add_argument("--only", type=int, action="append", metavar="K", help="this run alone")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--keep", type=Path, default=Path("fuzz-failures"), metavar="DIR")

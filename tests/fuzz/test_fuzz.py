@@ -28,8 +28,9 @@ def test_a_hundred_damaged_inputs_end_in_words(tmp_path):
 
 
 @pytest.mark.one_python
-def test_undamaged_inputs_are_read_by_every_command(tmp_path):
-    done = _fuzz(tmp_path, "--honest")
+def test_undamaged_inputs_are_read(tmp_path):
+    """A fifth of the commands, each kind among them; without --every N it is all."""
+    done = _fuzz(tmp_path, "--honest", "--every", "5")
     assert done.returncode == 0, done.stdout + done.stderr
 
 

@@ -14,6 +14,9 @@ from photographs import all_zip, photographs
 from quantify_client.cli import main
 from quantify_client.jobs import create_job, plan_job, run_job
 
+# Servers, sizes and words: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 SEEDS = int(os.environ.get("QUANTIFY_DAMAGE", "1"))
 VALUES = [
     *(None, True, False, -1, 0, 1, 3, 0.5, 10**30, -(10**400), 1e308, float("nan"), float("inf")),

@@ -9,6 +9,9 @@ from nodeodm import TOKEN
 from quantify_client.errors import JobError, QuantifyError, ServerError
 from quantify_client.jobs import cancel_job
 
+# Servers, sizes and words: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 TOKEN_PARTS = ("s3cret", "tok+en", "tok%2Ben")
 
 

@@ -10,6 +10,9 @@ from quantify_client.jobs import upload
 from quantify_client.jobs.journal import SentLog, load
 from quantify_client.sfm import multipart
 
+# Servers, sizes and words: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 
 def test_upload_cut_in_mid_file(job):
     job.node.fault("cut", "IMG_0003")

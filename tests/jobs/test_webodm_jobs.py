@@ -12,6 +12,9 @@ from quantify_client.jobs import cancel_job, create_job, plan_job, run_job
 from quantify_client.jobs.journal import load
 from quantify_client.sfm.access import Access
 
+# Servers, sizes and words: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 KNOWN = Access(USER, PASSWORD)
 
 

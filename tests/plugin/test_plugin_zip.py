@@ -172,7 +172,7 @@ def test_nothing_but_webodms_own_is_imported_when_the_plugin_loads():
 
 
 STANDARD = {
-    *("base64", "binascii", "contextlib", "copy", "datetime", "errno", "fcntl", "functools"),
+    *("base64", "binascii", "contextlib", "copy", "datetime", "errno", "fcntl", "functools", "gc"),
     *("hashlib", "importlib", "inspect", "itertools", "json", "logging", "math", "os", "pathlib"),
     *("re", "shutil", "stat", "time", "unicodedata", "uuid"),
 }

@@ -13,6 +13,9 @@ from quantify_client.sfm.node import Node
 from quantify_client.sfm.presets import choose_options
 from quantify_client.sfm.webodm_tasks import WebODMTasks
 
+# Servers, sizes and words: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 UUID = "6f1c2a34-0f3e-4b7a-9c55-0123456789ab"
 VALUES = [
     *(None, True, False, -1, 0, 10, 40, 0.5, 10**30, 10**400, -1e308, float("nan"), float("inf")),

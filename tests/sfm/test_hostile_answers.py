@@ -12,6 +12,9 @@ from quantify_client.sfm import saving
 from quantify_client.sfm.http import OutageError, Server
 from quantify_client.sfm.node import Node
 
+# Servers, sizes and words: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 UUID = "6f1c2a34-0f3e-4b7a-9c55-0123456789ab"
 
 

@@ -27,6 +27,9 @@ from quantify_client.sfm.node import ArchiveError, Node
 from quantify_client.sfm.webodm_tasks import WebODMTasks
 from quantify_client.sfm.zips import zip_fault
 
+# Servers, sizes and words: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 UUID = "6f1c2a34-0f3e-4b7a-9c55-0123456789ab"
 OK = b"HTTP/1.1 200 OK\r\n"
 JSON = OK + b"Content-Type: application/json\r\n"
