@@ -70,7 +70,8 @@ def read_vector(path: Path) -> Tuple[List[Outline], List[str]]:
                 if geometry_type is not None:
                     table = read(copy, layer=layer, force_2d=True, max_features=MAX_POLYGONS + 1)
                     outlines += _layer_outlines(path, *table)
-        except (ValueError, RuntimeError) as error:  # pyogrio's own errors are among them
+        # pyogrio's own errors are among them; NameError is a fault of its at a damaged .prj.
+        except (ValueError, RuntimeError, NameError) as error:
             fault = str(error).replace(f"{copy.parent}{os.sep}file", path.stem)
             raise _unreadable(path, fault) from error
     _check_size(path, outlines)

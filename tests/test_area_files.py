@@ -16,6 +16,7 @@ from pyogrio import raw
 from quantify_client.areas import read_areas
 from quantify_client.crs import measuring_frame
 from quantify_client.errors import AreaError, MissingExtraError, QuantifyError
+from quantify_client.vector import read_vector
 
 # --- files that are none
 
@@ -171,3 +172,17 @@ def test_broken_vector_files_are_refused_in_one_line(suffix, tmp_path, beach):
     with pytest.raises(AreaError) as caught:
         read_areas(path, beach, BEACH)
     assert "\n" not in str(caught.value)
+
+
+def test_a_fault_of_the_reader_of_vector_files_is_told_in_words(monkeypatch, tmp_path):
+    """A damaged .prj makes pyogrio itself stumble (found by tests/fuzz, seed 21, run 398)."""
+
+    def stumbles(*_path, **_more):
+        raise UnboundLocalError("local variable 'wkt' referenced before assignment")
+
+    monkeypatch.setattr(raw, "read", stumbles)
+    pyogrio = pytest.importorskip("pyogrio")
+    monkeypatch.setattr(pyogrio, "list_layers", lambda _path: [("a", "Polygon")])
+    (tmp_path / "a.fgb").write_bytes(b"fgb\x03fgb\x00" + bytes(100))
+    with pytest.raises(AreaError, match="export the polygons as GeoJSON"):
+        read_vector(tmp_path / "a.fgb")
