@@ -23,7 +23,7 @@ from hypothesis import strategies as st
 from quantify_client import describe, measure
 from quantify_client.crs.geokeys import statement_of
 from quantify_client.crs.statements import Statement, merge, same_coordinates
-from quantify_client.errors import CrsError
+from quantify_client.errors import CrsError, UsageError
 
 CONE = math.pi * 64 * 4 / 3
 US_FT, FT = 1200 / 3937, 0.3048
@@ -332,6 +332,12 @@ def test_units_of_a_cloud_that_does_not_say(unit: str, metres: float, tmp_path: 
     assert holds(volume(path, (100.0, 200.0), metres, source_unit=unit))
     path = las(tmp_path / "b.las", (100.0, 200.0), (1.0, metres), [])
     assert holds(volume(path, (100.0, 200.0), source_unit="m", vertical_unit=unit))
+
+
+def test_a_unit_of_heights_is_never_lost_in_silence(tmp_path: Path) -> None:
+    path = las(tmp_path / "a.las", (100.0, 200.0), (1.0, US_FT), [])
+    with pytest.raises(UsageError, match="give --crs or --source-unit, too"):
+        measure(path, vertical_unit="us-ft")
 
 
 @pytest.mark.parametrize("name", ["a.prj", "a.las.aux.xml"])

@@ -12,7 +12,7 @@ from typing import Any, Callable, Iterator, List, Mapping, Optional, Sequence, T
 from ..cloud import DEFAULT_CHUNK, Cloud, Fetch, open_cloud
 from ..cloud.base import naming
 from ..crs import UNITS_M, Statement, given_crs, merge, statement_of_wkt
-from ..errors import CloudError
+from ..errors import CloudError, UsageError
 from ..small_files import real_path
 from ..types import Chunk, CloudInfo, Options, Window
 from .access import Access
@@ -232,6 +232,11 @@ def _info(
                 "gives: the cloud is taken to have no CRS"
             )
     stated = merge(statements)
+    if given is not None and stated.crs is None:
+        raise UsageError(
+            "--vertical-unit goes with a CRS or a unit of x and y, and the cloud names neither: "
+            "give --crs or --source-unit, too"
+        )
     return replace(
         info,
         sources=tuple(_rename(text, aliases) for text in info.sources),
