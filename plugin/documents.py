@@ -171,6 +171,10 @@ class _Anything:
         return self._SCALAR.clean(value, where)
 
 
+# What said each part of the cloud's CRS; older documents do not tell.
+_SAID = {"value": Text(200), "source": Text(200)}
+_COORDINATE = Record({"part": Text(40), **_SAID, "contradicted_by": Listed(Record(_SAID), 20)})
+
 _MEASUREMENT = Record(
     {
         "schema": Text(among=("quantify-client/1",)),
@@ -190,7 +194,9 @@ _MEASUREMENT = Record(
                 "input": _Anything(),
                 "started": Text(80),
                 "seconds": _POSITIVE,
-            }
+                "coordinates": Listed(_COORDINATE, 20),
+            },
+            required=("version", "options", "input", "started", "seconds"),
         ),
     }
 )

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import Iterator, List, Optional, Sequence, Tuple
 
-from ..crs.statements import same_coordinates
+from ..crs.same import same_coordinates
 from ..errors import CloudError
 from ..small_files import real_path
 from ..types import Bounds, Chunk, CloudInfo, Window
@@ -19,7 +19,7 @@ class TiledCloud:
     def __init__(self, clouds: Sequence[Cloud]) -> None:
         self._clouds = tuple(clouds)
         infos = [cloud.info for cloud in self._clouds]
-        crs, origin, warnings = _common_crs(infos)
+        named, warnings = _common_crs(infos)
         formats = {info.format for info in infos}
         counts = [info.point_count for info in infos]
         self.info = CloudInfo(
@@ -27,9 +27,10 @@ class TiledCloud:
             format=formats.pop() if len(formats) == 1 else "mixed",
             point_count=sum(count or 0 for count in counts) if None not in counts else None,
             bounds=_around([info.bounds for info in infos]),
-            crs=crs,
-            crs_origin=origin,
+            crs=named.crs if named else None,
+            crs_origin=named.crs_origin if named else None,
             warnings=tuple(dict.fromkeys(w for info in infos for w in info.warnings)) + warnings,
+            crs_parts=named.crs_parts if named else (),
         )
 
     def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
@@ -52,13 +53,11 @@ def require_distinct(paths: Sequence[Path]) -> None:
         seen.add(real)
 
 
-def _common_crs(
-    infos: Sequence[CloudInfo],
-) -> Tuple[Optional[str], Optional[str], Tuple[str, ...]]:
-    """The CRS that all tiles with a CRS agree on."""
+def _common_crs(infos: Sequence[CloudInfo]) -> Tuple[Optional[CloudInfo], Tuple[str, ...]]:
+    """Return a tile with the CRS that all tiles with a CRS agree on, and warnings."""
     known: List[CloudInfo] = [info for info in infos if info.crs]
     if not known:
-        return None, None, ()
+        return None, ()
     first = known[0]
     for other in known[1:]:
         if not same_coordinates(str(other.crs), str(first.crs)):
@@ -69,9 +68,9 @@ def _common_crs(
             )
     silent = [info.sources[0] for info in infos if not info.crs]
     if not silent:
-        return first.crs, first.crs_origin, ()
+        return first, ()
     note = f"{len(silent)} of {len(infos)} tiles name no CRS (the first: {silent[0]})"
-    return first.crs, first.crs_origin, (f"{note}; they are taken to be in that of the others",)
+    return first, (f"{note}; they are taken to be in that of the others",)
 
 
 def _short(crs: Optional[str]) -> str:

@@ -90,7 +90,47 @@ def statement_of(keys: Mapping[int, float], texts: Mapping[int, str]) -> Stateme
     vertical, height_unit, notes = _heights(keys)
     crs = _plane(keys, texts, unit, notes)
     projected = keys.get(_MODEL) != _GEOGRAPHIC_MODEL
-    return Statement(ORIGIN, crs, unit if projected else None, vertical, height_unit, tuple(notes))
+    return Statement(
+        ORIGIN,
+        crs,
+        unit if projected else None,
+        vertical,
+        height_unit,
+        tuple(notes),
+        _places(keys, unit, vertical, height_unit),
+    )
+
+
+def _places(
+    keys: Mapping[int, float],
+    unit: Optional[Unit],
+    vertical: Optional[str],
+    height_unit: Optional[Unit],
+) -> Dict[str, str]:
+    """Return the key that says each part."""
+    code = int(keys.get(_PROJECTED, 0))
+    named = 0 < code < _USER_DEFINED
+    crs = next(
+        (key for key in (_PROJECTED, _PROJECTION, _METHOD) if _names(keys, key)), _GEOGRAPHIC
+    )
+    places = {"CRS": crs}
+    if not named:
+        base = next((key for key in (_GEOGRAPHIC, _DATUM, _ELLIPSOID) if _names(keys, key)), crs)
+        places["datum"] = base
+    if unit is not None:
+        places["horizontal unit"] = _UNIT
+    if vertical is not None:
+        places["heights"] = _VERTICAL
+    if height_unit is not None:
+        places["vertical unit"] = _VERTICAL_UNIT
+    elif vertical is not None:
+        places["vertical unit"] = _VERTICAL
+    return {part: f"GeoTIFF key {key}" for part, key in places.items()}
+
+
+def _names(keys: Mapping[int, float], key: int) -> bool:
+    """Whether a key holds a code of EPSG, or of GeoTIFF's own."""
+    return 0 < int(keys.get(key, 0)) < _USER_DEFINED
 
 
 def _unit_of(keys: Mapping[int, float], code: int, size: int) -> Optional[Unit]:

@@ -11,10 +11,10 @@ from typing import Any, Callable, Iterator, List, Mapping, Optional, Sequence, T
 
 from ..cloud import DEFAULT_CHUNK, Cloud, Fetch, open_cloud
 from ..cloud.base import naming
-from ..crs import UNITS_M, Statement, given_crs, merge, statement_of_wkt
+from ..crs import UNITS_M, Statement, given_crs, merge, stated_by, statement_of_wkt
 from ..errors import CloudError, UsageError
 from ..small_files import real_path
-from ..types import Chunk, CloudInfo, Options, Window
+from ..types import Chunk, CloudInfo, CrsPart, Options, Window
 from .access import Access
 from .archive import unpacked
 from .layout import (
@@ -214,9 +214,7 @@ def _info(
     warnings = [_rename(text, aliases) for text in info.warnings]
     warnings += [text for item in located for text in item.warnings]
     given = None if options is None else _given(options)
-    statements = [] if given is None else [given]
-    if info.crs is not None:
-        statements.append(Statement(info.crs_origin or info.format, info.crs))
+    statements = [said for said in (given, stated_by(info)) if said is not None]
     sidecars = {item.sidecar.crs: item.sidecar for item in located if item.sidecar}
     if len(sidecars) > 1 and not any(statement.crs for statement in statements):
         raise CloudError(
@@ -243,6 +241,7 @@ def _info(
         crs=stated.crs,
         crs_origin=stated.origin,
         warnings=(*warnings, *stated.warnings),
+        crs_parts=stated.parts or _unit_parts(options),
     )
 
 
@@ -256,6 +255,18 @@ def _given(options: Options) -> Optional[Statement]:
         None if options.crs is None else given_crs(options.crs),
         unit=None if unit is None or options.crs is not None else (unit, UNITS_M[unit]),
         height_unit=None if height is None else (height, UNITS_M[height]),
+        places={"horizontal unit": "--source-unit" if options.crs is None else "--crs"}
+        | ({} if height is None else {"vertical unit": "--vertical-unit"}),
+    )
+
+
+def _unit_parts(options: Optional[Options]) -> Tuple[CrsPart, ...]:
+    """Return the parts of a cloud without a CRS, whose unit the user gave."""
+    unit = None if options is None else options.source_unit
+    if unit is None:
+        return ()
+    return tuple(
+        CrsPart(f"{axes} unit", unit, "--source-unit") for axes in ("horizontal", "vertical")
     )
 
 
