@@ -6,7 +6,7 @@ The file lies among the task's assets, and an imported all.zip may carry anythin
 import base64
 import binascii
 
-from .checks import area_key, checked_area, checked_control, checked_name
+from .checks import MOST_CRS, area_key, checked_area, checked_control, checked_name
 from .shapes import (
     Flag,
     Lines,
@@ -160,7 +160,7 @@ _SCALE = Record(
 class _Anything:
     """Plain values of an object that is only ever shown as text."""
 
-    _SCALAR = Maybe(OneOf(_NUMBER, Flag(), _LINE))
+    _SCALAR = Maybe(OneOf(_NUMBER, Flag(), Text(MOST_CRS)))
 
     def clean(self, value, where):
         """Return the value; lists and objects in it are bounded too."""
@@ -265,7 +265,7 @@ _LAYER = Record(
         ),
     }
 )
-_PLAIN = OneOf(Flag(), _NUMBER, Text(200))
+_PLAIN = OneOf(Flag(), _NUMBER, Text(MOST_CRS))
 _FIELDS = {
     "schema": Text(among=(SCHEMA,)),
     "id": Text(32, 32),

@@ -26,7 +26,7 @@ from .plausible import doubts
 from .positions import Plane, odm_header, plane_of, positions_to
 from .projection import is_geographic, label
 from .statements import ASSUMED, Stated, Statement, merge, stated_by
-from .wkt import as_wkt, given_crs, statement_of_wkt
+from .wkt import as_wkt, given_crs, require_crs, statement_of_wkt
 
 __all__ = [
     "ASSUMED",
@@ -55,6 +55,7 @@ __all__ = [
     "placed_frame",
     "plane_of",
     "positions_to",
+    "require_crs",
     "stated_by",
     "statement_of_wkt",
     "transfer_accuracy_m",
