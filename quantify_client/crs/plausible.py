@@ -13,7 +13,8 @@ import numpy as np
 from ..errors import CrsError
 from ..types import Bounds
 from .frame import UNITS_M, Frame
-from .projection import CRS, WGS84, parse, short, split, transform, unbound
+from .placed import PlacedFrame
+from .projection import CRS, WGS84, areal_scale, parse, short, split, transform, unbound
 from .statements import in_unit
 
 __all__ = ["doubts"]
@@ -28,14 +29,15 @@ _FACTORS = (0.9, 1.1)
 _UNITS = (("US survey foot", UNITS_M["us-ft"]), ("foot", UNITS_M["ft"]), ("metre", 1.0))
 
 
-def doubts(frame: Frame, bounds: Optional[Bounds], factor: Optional[float]) -> List[str]:
+def doubts(frame: Frame, bounds: Optional[Bounds]) -> List[str]:
     """Return warnings about a CRS that puts its cloud where it cannot be.
 
     Parameters
     ----------
     bounds : of the cloud, in its own coordinates.
-    factor : grid length / ground length at its middle; None when unknown.
     """
+    if isinstance(frame, PlacedFrame):
+        frame = frame.base
     own = frame.cloud_crs
     if own is None or bounds is None:
         return []
@@ -51,12 +53,23 @@ def doubts(frame: Frame, bounds: Optional[Bounds], factor: Optional[float]) -> L
             f"the cloud's CRS ({short(crs.name)}) is for {short(use.name)}, and puts the cloud "
             f"{where}; {_cause(crs, use, x, y)}"
         ]
+    factor = _grid_factor(crs, x, y)
     if factor is None or _FACTORS[0] <= factor <= _FACTORS[1] or _grows(crs):
         return []
     return [
         f"a length on the cloud's grid ({short(crs.name)}) is {factor:.3g} of that on the ground: "
         "the cloud is far from where this grid is meant for; check its CRS (--crs sets another)"
     ]
+
+
+def _grid_factor(crs: CRS, x: float, y: float) -> Optional[float]:
+    """Return grid length / length on the ellipsoid; None without a grid, or a place on it."""
+    if not crs.is_projected:
+        return None
+    try:
+        return areal_scale(crs, x, y)[0]
+    except CrsError:
+        return None
 
 
 def _area_of_use(crs: CRS) -> Any:

@@ -30,7 +30,6 @@ __all__ = [
     "full_turn",
     "gaussian_radius",
     "horizontal_wkt",
-    "identifier",
     "is_geographic",
     "label",
     "parse",
@@ -86,15 +85,6 @@ def unbound(crs: CRS) -> CRS:
 def is_geographic(crs: str) -> bool:
     """Tell whether coordinates in this CRS are angles; CrsError when it is unknown."""
     return bool(unbound(parse(crs)).is_geographic)
-
-
-def identifier(crs: CRS) -> str:
-    """``EPSG:n`` when that definition is the same but for axis order, else WKT."""
-    plain = unbound(crs)
-    code = plain.to_epsg(min_confidence=100) or plain.to_epsg(min_confidence=70)
-    if code is not None and CRS.from_epsg(code).equals(plain, ignore_axis_order=True):
-        return f"EPSG:{code}"
-    return str(crs.to_wkt())
 
 
 @lru_cache(maxsize=64)

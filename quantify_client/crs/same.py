@@ -14,7 +14,7 @@ import numpy as np
 from ..errors import CrsError
 from .projection import CRS, parse, split, transform, unbound
 
-__all__ = ["differences", "names_datum", "same_coordinates", "same_metres"]
+__all__ = ["differences", "identifier", "names_datum", "same_coordinates", "same_metres"]
 
 #: Files round the foot's length to 8 or more digits. The two feet differ by 2e-6: at the false
 #: easting of a state plane that is a metre.
@@ -45,6 +45,16 @@ def differences(one: CRS, other: CRS) -> Tuple[str, ...]:
     if not _same_projection(one, other):
         found.append("projection")
     return tuple(found)
+
+
+def identifier(crs: CRS) -> str:
+    """Return ``EPSG:n`` where that is the same but for its axes' order and names, else WKT."""
+    plain = unbound(crs)
+    for confidence in (100, 70, 25):  # 25 is the order of the axes, and much else
+        code = plain.to_epsg(min_confidence=confidence)
+        if code is not None and not differences(CRS.from_epsg(code), plain):
+            return f"EPSG:{code}"
+    return str(crs.to_wkt())
 
 
 def names_datum(crs: CRS) -> bool:

@@ -114,11 +114,13 @@ def merge(statements: Sequence[Statement]) -> Stated:
         Its ``crs`` is the very text of a statement where that says it all.
     """
     warnings = [text for statement in statements for text in statement.warnings]
-    usable = [_checked(statement, warnings) for statement in statements]
+    usable: List[Statement] = []
+    for statement in statements:
+        usable.append(_checked(statement, warnings, first=not any(s.crs for s in usable)))
     plane = next((statement for statement in usable if statement.crs), None) or _bare(usable)
     heights = [known for known in (_heights_of(s, warnings) for s in usable) if known is not None]
     if plane is None or plane.crs is None:
-        return Stated(None, None, tuple(warnings))
+        return Stated(None, None, (*warnings, *_heights_alone(heights)))
     contrary = _contradictions(plane, [s for s in usable if s is not plane], warnings)
     crs, origin = _with_heights(plane, heights)
     if _if_known(crs, str(origin), warnings) is None:  # heights that no such plane can have
@@ -143,12 +145,26 @@ def stated_by(info: CloudInfo) -> Optional[Statement]:
     )
 
 
-def _checked(statement: Statement, warnings: List[str]) -> Statement:
-    """Return a statement without what PROJ does not know, its plane in the unit beside it."""
+def _heights_alone(heights: Sequence[_Heights]) -> List[str]:
+    """Return a warning where the unit of z is known, and that of x and y is not."""
+    return [
+        f"{known.origin}: heights are in {known.unit[0]}, and nothing says the unit of x and y: z "
+        "is taken to be in the same (give --crs, or --source-unit and --vertical-unit)"
+        for known in heights[:1]
+    ]
+
+
+def _checked(statement: Statement, warnings: List[str], *, first: bool) -> Statement:
+    """Return a statement without what PROJ does not know, its plane in the unit beside it.
+
+    What a plane and its unit contradict each other in is told of the first, which is believed.
+    """
     crs = _if_known(statement.crs, statement.origin, warnings)
     vertical = _if_known(statement.vertical, statement.origin, warnings)
     known = replace(statement, crs=crs, vertical=vertical)
-    return known if crs is None or known.unit is None else _with_unit(known, known.unit, warnings)
+    if crs is None or known.unit is None:
+        return known
+    return _with_unit(known, known.unit, warnings if first else [])
 
 
 def _if_known(text: Optional[str], origin: str, warnings: List[str]) -> Optional[str]:

@@ -95,11 +95,10 @@ def finish(result: AreaResult, left_out: Mapping[str, int], options: Options) ->
     return replace(result, mass_t=options.density * volume, mass_std_t=std)
 
 
-def cloud_warnings(source: Source, frame: Frame, factor: Optional[float]) -> Sequence[str]:
+def cloud_warnings(source: Source, frame: Frame) -> Sequence[str]:
     """Return what there is to say of the whole cloud, its CRS above all."""
     info = source.cloud.info
-    doubted = [] if isinstance(frame, PlacedFrame) else doubts(frame, info.bounds, factor)
-    return (*info.warnings, *frame.warnings, *doubted)
+    return (*info.warnings, *frame.warnings, *doubts(frame, info.bounds))
 
 
 def measurement_of(
@@ -119,7 +118,7 @@ def measurement_of(
         method=method,
         grid_scale_factor=factor,
         results=tuple(results),
-        warnings=(*cloud_warnings(source, frame, factor), *warnings),
+        warnings=(*cloud_warnings(source, frame), *warnings),
         provenance={},
         frame=frame,
     )

@@ -118,5 +118,5 @@ def describe(
             "mean_spacing_m": spacing,
             "shape": shape,
             "floor": floor and asdict(floor),
-            "warnings": list(cloud_warnings(source, frame, None)),
+            "warnings": list(cloud_warnings(source, frame)),
         }
