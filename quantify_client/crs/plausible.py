@@ -14,7 +14,7 @@ from ..errors import CrsError
 from ..types import Bounds
 from .frame import UNITS_M, Frame
 from .placed import PlacedFrame
-from .projection import CRS, WGS84, areal_scale, parse, short, split, transform, unbound
+from .projection import CRS, WGS84, areal_scale, codes_like, parse, short, split, transform, unbound
 from .statements import in_unit
 
 __all__ = ["doubts"]
@@ -25,6 +25,8 @@ _MARGIN = 6.0
 #: Grid length / ground length of grids made for surveying. State plane, Gauss-Krueger and UTM stay
 #: within 0.99 to 1.01, a UTM zone used two zones further out within 1.1 in the middle latitudes.
 _FACTORS = (0.9, 1.1)
+
+_SURE = 90
 
 _UNITS = (("US survey foot", UNITS_M["us-ft"]), ("foot", UNITS_M["ft"]), ("metre", 1.0))
 
@@ -76,7 +78,7 @@ def _area_of_use(crs: CRS) -> Any:
     """Return EPSG's area of use: west, south, east, north in degrees, and a name; or None."""
     if crs.area_of_use is not None:
         return crs.area_of_use
-    code = crs.to_epsg(min_confidence=90)  # 70 takes a grid of another country for it
+    code = next((code for code, confidence in codes_like(crs) if confidence >= _SURE), None)
     return None if code is None else CRS.from_epsg(code).area_of_use
 
 

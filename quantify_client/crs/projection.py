@@ -27,6 +27,7 @@ __all__ = [
     "CRS",
     "WGS84",
     "areal_scale",
+    "codes_like",
     "full_turn",
     "gaussian_radius",
     "horizontal_wkt",
@@ -85,6 +86,20 @@ def unbound(crs: CRS) -> CRS:
 def is_geographic(crs: str) -> bool:
     """Tell whether coordinates in this CRS are angles; CrsError when it is unknown."""
     return bool(unbound(parse(crs)).is_geographic)
+
+
+def codes_like(crs: CRS) -> Tuple[Tuple[int, int], ...]:
+    """Return EPSG's codes that a CRS may have, and PROJ's confidence in each: 25, 70, 90 or 100.
+
+    25 is another order of the axes, and much else; 70 may be the grid of another country.
+    """
+    return _codes_like(str(crs.to_wkt()))
+
+
+@lru_cache(maxsize=64)  # a look through the whole database, where there is no name to go by
+def _codes_like(wkt: str) -> Tuple[Tuple[int, int], ...]:
+    found = parse(wkt).list_authority("EPSG", min_confidence=25)
+    return tuple((int(match.code), int(match.confidence)) for match in found)
 
 
 @lru_cache(maxsize=64)

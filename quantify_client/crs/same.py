@@ -12,7 +12,7 @@ from typing import Any, Tuple
 import numpy as np
 
 from ..errors import CrsError
-from .projection import CRS, parse, split, transform, unbound
+from .projection import CRS, codes_like, parse, split, transform, unbound
 
 __all__ = ["differences", "identifier", "names_datum", "same_coordinates", "same_metres"]
 
@@ -22,6 +22,7 @@ _SAME_UNIT = 1e-7
 #: Parameters written with 9 decimals of a degree move a place by less.
 _SAME_PLACE_M = 1e-3
 _AROUND_M = 50_000.0
+_MOST_CODES = 5  # that are looked at more closely
 
 _NO_DATUM = re.compile(r"unknown|unnamed|not[ _]specified|undefined", re.IGNORECASE)
 
@@ -50,9 +51,8 @@ def differences(one: CRS, other: CRS) -> Tuple[str, ...]:
 def identifier(crs: CRS) -> str:
     """Return ``EPSG:n`` where that is the same but for its axes' order and names, else WKT."""
     plain = unbound(crs)
-    for confidence in (100, 70, 25):  # 25 is the order of the axes, and much else
-        code = plain.to_epsg(min_confidence=confidence)
-        if code is not None and not differences(CRS.from_epsg(code), plain):
+    for code, _ in codes_like(plain)[:_MOST_CODES]:
+        if not differences(CRS.from_epsg(code), plain):
             return f"EPSG:{code}"
     return str(crs.to_wkt())
 
