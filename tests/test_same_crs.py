@@ -95,3 +95,23 @@ def test_tiles_in_other_words_are_one_survey(tmp_path: Path) -> None:
     third = las(tmp_path / "c.las", IOWA, (1, 1), geokeys({1024: 1, 3072: 26916}))
     with pytest.raises(CloudError, match=r"EPSG:26916.*EPSG:26915"):
         describe(one, third)
+
+
+def test_a_crs_that_is_given_goes_before_those_of_all_tiles(tmp_path: Path) -> None:
+    one = las(tmp_path / "a.las", IOWA, (1, 1), geokeys({1024: 1, 3072: 26915}))
+    other = las(tmp_path / "b.las", IOWA, (1, 1), geokeys({1024: 1, 3072: 6344}))
+    with pytest.raises(CloudError, match=r"another datum; expected tiles of one survey.*--crs"):
+        describe(one, other)
+    found = describe(one, other, crs="EPSG:26915")
+    assert found["crs"] == "EPSG:26915"
+    assert any("both are taken to be in that of --crs" in text for text in found["warnings"])
+
+
+def test_files_beside_tiles_may_spell_one_crs_in_two_ways(tmp_path: Path) -> None:
+    tiles = [las(tmp_path / f"{name}.las", IOWA, (1, 1), []) for name in "ab"]
+    tiles[0].with_suffix(".prj").write_text("EPSG:26915")
+    tiles[1].with_suffix(".prj").write_text(pyproj.CRS(26915).to_wkt("WKT1_ESRI"))
+    assert describe(*tiles)["crs"] == "EPSG:26915"
+    tiles[1].with_suffix(".prj").write_text("EPSG:26916")
+    with pytest.raises(CloudError, match=r"a\.prj 'EPSG:26915' and b\.prj 'EPSG:26916'.*--crs"):
+        describe(*tiles)

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import Iterator, List, Optional, Sequence, Tuple
 
-from ..crs.same import same_coordinates
+from ..crs.same import differ_in
 from ..errors import CloudError
 from ..small_files import real_path
 from ..types import Bounds, Chunk, CloudInfo, Window
@@ -16,10 +16,10 @@ from .base import DEFAULT_CHUNK, Cloud, gather, touches
 class TiledCloud:
     """Tiles of one survey, in any mix of formats, read one after the other."""
 
-    def __init__(self, clouds: Sequence[Cloud]) -> None:
+    def __init__(self, clouds: Sequence[Cloud], *, any_crs: bool = False) -> None:
         self._clouds = tuple(clouds)
         infos = [cloud.info for cloud in self._clouds]
-        named, warnings = _common_crs(infos)
+        named, warnings = _common_crs(infos, any_crs)
         formats = {info.format for info in infos}
         counts = [info.point_count for info in infos]
         self.info = CloudInfo(
@@ -53,24 +53,33 @@ def require_distinct(paths: Sequence[Path]) -> None:
         seen.add(real)
 
 
-def _common_crs(infos: Sequence[CloudInfo]) -> Tuple[Optional[CloudInfo], Tuple[str, ...]]:
+def _common_crs(
+    infos: Sequence[CloudInfo], any_crs: bool
+) -> Tuple[Optional[CloudInfo], Tuple[str, ...]]:
     """Return a tile with the CRS that all tiles with a CRS agree on, and warnings."""
     known: List[CloudInfo] = [info for info in infos if info.crs]
     if not known:
         return None, ()
     first = known[0]
     for other in known[1:]:
-        if not same_coordinates(str(other.crs), str(first.crs)):
-            raise CloudError(
-                f"{other.sources[0]}: is in another CRS ({_short(other.crs)}) than "
-                f"{first.sources[0]} ({_short(first.crs)}); expected tiles of one survey: "
-                "reproject one of them, or measure them one by one"
-            )
+        parts = differ_in(str(other.crs), str(first.crs))
+        if not parts:
+            continue
+        found = (
+            f"{other.sources[0]}: is in another CRS ({_short(other.crs)}) than {first.sources[0]} "
+            f"({_short(first.crs)}): another {' and '.join(parts)}"
+        )
+        if any_crs:
+            return first, (f"{found}; both are taken to be in that of --crs",)
+        raise CloudError(
+            f"{found}; expected tiles of one survey: reproject one of them, measure them one by "
+            "one, or give the CRS that both are in (--crs)"
+        )
     silent = [info.sources[0] for info in infos if not info.crs]
     if not silent:
         return first, ()
     note = f"{len(silent)} of {len(infos)} tiles name no CRS (the first: {silent[0]})"
-    return first, (f"{note}; they are taken to be in that of the others",)
+    return first, (f"{note}; they are taken to be in that of the others " "(--crs sets another)",)
 
 
 def _short(crs: Optional[str]) -> str:

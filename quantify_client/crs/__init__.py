@@ -25,6 +25,7 @@ from .placed import PlacedFrame, placed_frame
 from .plausible import doubts
 from .positions import Plane, odm_header, plane_of, positions_to
 from .projection import is_geographic, label
+from .same import same_coordinates
 from .statements import ASSUMED, Stated, Statement, merge, stated_by
 from .wkt import as_wkt, given_crs, require_crs, statement_of_wkt
 
@@ -57,6 +58,7 @@ __all__ = [
     "positions_to",
     "require_crs",
     "stated_by",
+    "same_coordinates",
     "statement_of_wkt",
     "transfer_accuracy_m",
     "utm_grid",

@@ -170,7 +170,8 @@ def transform(
     if len(failed):
         raise CrsError(
             f"x {x[failed[0]]:.10g}, y {y[failed[0]]:.10g} in {short(parse(source).name)} does not "
-            f"exist in {short(parse(target).name)}; correct the coordinates or the CRS"
+            f"exist in {short(parse(target).name)}; correct the coordinates, or the cloud's CRS "
+            "(--crs)"
         )
     return (new_x[:1], new_y[:1]) if single else (new_x, new_y)
 

@@ -14,7 +14,14 @@ import numpy as np
 from ..errors import CrsError
 from .projection import CRS, codes_like, parse, split, transform, unbound
 
-__all__ = ["differences", "identifier", "names_datum", "same_coordinates", "same_metres"]
+__all__ = [
+    "differ_in",
+    "differences",
+    "identifier",
+    "names_datum",
+    "same_coordinates",
+    "same_metres",
+]
 
 #: Files round the foot's length to 8 or more digits. The two feet differ by 2e-6: at the false
 #: easting of a state plane that is a metre.
@@ -63,20 +70,28 @@ def names_datum(crs: CRS) -> bool:
 
 
 def same_coordinates(one: str, other: str) -> bool:
-    """Whether two CRSs give a place the same coordinates, however each is written.
+    """Whether two CRSs give a place the same coordinates, however each is written."""
+    return not differ_in(one, other)
+
+
+def differ_in(one: str, other: str) -> Tuple[str, ...]:
+    """Return what would give a place other coordinates in one of two CRSs than in the other.
 
     A null TOWGS84, names of axes and a vertical part in the unit that z has anyway say nothing of
     coordinates.
     """
     if one == other:
-        return True
+        return ()
     try:
         (a, z_of_a), (b, z_of_b) = (split(parse(text)) for text in (one, other))
     except CrsError:
-        return False
-    if _shift(a) != _shift(b) or differences(unbound(a), unbound(b)):
-        return False
-    return same_metres(_z_unit(a, z_of_a), _z_unit(b, z_of_b))
+        return ("CRS",)
+    found = list(differences(unbound(a), unbound(b)))
+    if _shift(a) != _shift(b):
+        found.append("TOWGS84")
+    if not same_metres(_z_unit(a, z_of_a), _z_unit(b, z_of_b)):
+        found.append("vertical unit")
+    return tuple(found)
 
 
 def same_metres(one: float, other: float) -> bool:
