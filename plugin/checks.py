@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 import unicodedata
 
 from .folders import KEPT_DAYS, QUEUED_LOST_S
@@ -18,6 +19,7 @@ from .shapes import (
 
 __all__ = [
     "LIMITS",
+    "MOST_CRS",
     "area_key",
     "checked_area",
     "checked_control",
@@ -37,6 +39,33 @@ LIMITS = {
 
 _MOST_POLYGONS = 100
 _NAME = 80
+MOST_CRS = 4000
+_UNITS = ("m", "cm", "mm", "ft", "us-ft")
+
+_EPSG = re.compile(r"EPSG:\d{1,6}(\+\d{1,6})?", re.IGNORECASE)
+_WKT = re.compile(r"[A-Z_]{5,20} ?\[.*\]", re.IGNORECASE)
+# PROJ opens the files that these name, in a PROJ text and in one that a WKT carries.
+_NAMES_FILE = re.compile(
+    r"PARAMETERFILE|\b(?:init|file|catalog) ?=|grids ?=(?! ?@null\b)|pipeline", re.IGNORECASE
+)
+_PROJ = re.compile(r"\+proj=\w{1,20}(?: \+?\w{1,12}(?:=[\w.,'+-]{1,120}|=@null)?)*")
+
+
+class _Crs:
+    """A CRS as a text that leads to no file: codes of EPSG, WKT, or PROJ's parameters."""
+
+    def clean(self, value, where):
+        """Return the text on one line."""
+        text = " ".join(Text(MOST_CRS, 1).clean(value, where).split())
+        written = any(shape.fullmatch(text) for shape in (_EPSG, _WKT, _PROJ))
+        hidden = any(unicodedata.category(letter)[0] == "C" for letter in text)
+        if not written or hidden or _NAMES_FILE.search(text):
+            raise MisshapenError(
+                f"{where} has to be EPSG:n, EPSG:n+m, WKT or a PROJ text (+proj=...), and may name "
+                "no file"
+            )
+        return text
+
 
 _OPTIONS = Record(
     {
@@ -55,7 +84,9 @@ _OPTIONS = Record(
         "grid": Flag(),
         "area_frame": Text(among=("cloud", "control")),
         "scale_mode": Text(among=("auto", "scale", "shift", "full")),
-        "source_unit": Text(among=("m", "ft", "us-ft")),
+        "crs": _Crs(),
+        "vertical_unit": Text(among=_UNITS),
+        "source_unit": Text(among=_UNITS),
         "density": Number(above=0, most=22.6),
         "density_sigma": Number(0, 100),
     },

@@ -6,7 +6,7 @@ The file lies among the task's assets, and an imported all.zip may carry anythin
 import base64
 import binascii
 
-from .checks import area_key, checked_area, checked_control, checked_name
+from .checks import MOST_CRS, area_key, checked_area, checked_control, checked_name
 from .shapes import (
     Flag,
     Lines,
@@ -160,7 +160,7 @@ _SCALE = Record(
 class _Anything:
     """Plain values of an object that is only ever shown as text."""
 
-    _SCALAR = Maybe(OneOf(_NUMBER, Flag(), _LINE))
+    _SCALAR = Maybe(OneOf(_NUMBER, Flag(), Text(MOST_CRS)))
 
     def clean(self, value, where):
         """Return the value; lists and objects in it are bounded too."""
@@ -170,6 +170,10 @@ class _Anything:
             return Mapped(self, 100).clean(value, where)
         return self._SCALAR.clean(value, where)
 
+
+# What said each part of the cloud's CRS; older documents do not tell.
+_SAID = {"value": Text(200), "source": Text(200)}
+_COORDINATE = Record({"part": Text(40), **_SAID, "contradicted_by": Listed(Record(_SAID), 20)})
 
 _MEASUREMENT = Record(
     {
@@ -190,7 +194,9 @@ _MEASUREMENT = Record(
                 "input": _Anything(),
                 "started": Text(80),
                 "seconds": _POSITIVE,
-            }
+                "coordinates": Listed(_COORDINATE, 20),
+            },
+            required=("version", "options", "input", "started", "seconds"),
         ),
     }
 )
@@ -259,7 +265,7 @@ _LAYER = Record(
         ),
     }
 )
-_PLAIN = OneOf(Flag(), _NUMBER, Text(200))
+_PLAIN = OneOf(Flag(), _NUMBER, Text(MOST_CRS))
 _FIELDS = {
     "schema": Text(among=(SCHEMA,)),
     "id": Text(32, 32),

@@ -4,12 +4,18 @@ import math
 
 __all__ = ["agree", "entry_from", "summary_of"]
 
+_MOST_TEXT = 200
 _TOLD = ("id", "name", "date", "area_key", "options")
 
 
 def entry_from(document):
-    """Return what lists tell of a checked document."""
-    return {**{key: document[key] for key in _TOLD}, "summary": summary_of(document)}
+    """Return what lists tell of a checked document; a WKT among its options is cut."""
+    options = {
+        key: value[:_MOST_TEXT] if isinstance(value, str) else value
+        for key, value in document["options"].items()
+    }
+    told = {**{key: document[key] for key in _TOLD}, "options": options}
+    return {**told, "summary": summary_of(document)}
 
 
 def agree(told, held):

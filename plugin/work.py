@@ -16,10 +16,12 @@ from pathlib import Path
 from .checks import area_key
 from .documents import SCHEMA
 from .folders import HEARTBEAT_S, JobFolder
+from .quantify_client.crs import require_crs
 from .quantify_client.errors import CloudError, QuantifyError
 from .quantify_client.pipeline import measure
 from .quantify_client.report.jsonout import to_json
 from .quantify_client.report.layers import map_layers
+from .quantify_client.types import Options
 from .stopping import stop_process
 from .store import MOST_BYTES, disk_words, write_json
 
@@ -33,6 +35,14 @@ _STAGES = {
     "slicing": (70.0, 92.0),
     "drawing": (92.0, 99.0),
 }
+
+#: What the panel calls these options of the command line, with which messages of the library end.
+_FIELDS = {
+    "--crs": "\u201cCoordinate system\u201d",
+    "--vertical-unit": "\u201cUnit of heights\u201d",
+    "--source-unit": "\u201cUnit of lengths\u201d",
+}
+_SAYING = ("crs", "vertical_unit", "source_unit")
 
 _LOOK_S, _PATIENCE_S = 1.0, 5.0
 
@@ -185,10 +195,12 @@ def sized(document):
 def _measured(folder, asked, progress):
     """Measure the tiles, or the whole cloud's file where there are none or they are damaged."""
     options = {**asked["options"], "area": asked["area"], "threads": _threads()}
+    if "crs" in options:
+        require_crs(options["crs"])  # what is none could be taken for the name of a file
     sources = [(kind, asked["sources"][kind]) for kind in ("ept", "laz") if asked["sources"][kind]]
     for place, (kind, path) in enumerate(sources):
         try:
-            gcp = _control_file(folder, asked["control"], path, progress)
+            gcp = _control_file(folder, asked, path, progress)
             return kind, measure(path, progress=progress, gcp=gcp, **options)
         except CloudError as error:
             if place + 1 == len(sources):
@@ -197,15 +209,17 @@ def _measured(folder, asked, progress):
     raise CloudError("the task has no point cloud; process it again with one")
 
 
-def _control_file(folder, control, cloud, progress):
+def _control_file(folder, asked, cloud, progress):
     """Write what was uploaded, or what was clicked on the map, as a control file."""
+    control = asked["control"]
     if control is None:
         return None
     if "scale_bars" in control:
         from .quantify_client.pipeline.clicked import bars_control
 
         path = folder.path / "control.json"
-        write_json(path, bars_control(cloud, control["scale_bars"], progress))
+        said = Options(**{key: asked["options"].get(key) for key in _SAYING})
+        write_json(path, bars_control(cloud, control["scale_bars"], progress, options=said))
         return str(path)
     from .quantify_client.scaler.control import require_self_contained
 
@@ -234,7 +248,7 @@ def _named(area, measurement):
 
 
 def _harmless(value, asked, folder):
-    """Return a value without paths of the server, and without a command line's dashes."""
+    """Return a value without paths of the server, and with the panel's names of options."""
     if isinstance(value, dict):
         return {key: _harmless(item, asked, folder) for key, item in value.items()}
     if isinstance(value, list):
@@ -243,4 +257,5 @@ def _harmless(value, asked, folder):
         return value
     for path in (str(folder.path), asked["assets"], str(Path(asked["assets"]).resolve())):
         value = value.replace(path + "/", "").replace(path, "the task")
+    value = re.sub(r"(?<![\w-])--[a-z-]+", lambda name: _FIELDS.get(name[0], name[0]), value)
     return re.sub(r"(?<![\w-])--(?=[a-z])", "", value)

@@ -33,12 +33,17 @@ SUFFIXES = tuple(_READERS)
 _FEWEST = 4  # three points span a plane but no volume
 
 
-def open_cloud(paths: Sequence[Path], fetchers: Optional[Mapping[Path, Fetch]] = None) -> Cloud:
+def open_cloud(
+    paths: Sequence[Path],
+    fetchers: Optional[Mapping[Path, Fetch]] = None,
+    *,
+    any_crs: bool = False,
+) -> Cloud:
     """Open a point cloud: one file, or several tiles of one survey in any mix of formats.
 
     LAS, LAZ, COPC and EPT are opened by their headers; PLY and text have no bounds in theirs and
     are read once here. An ept.json that has a fetcher is the only file of its set that has to be
-    there.
+    there. With `any_crs` tiles may name different CRSs: the user says in which they are.
 
     Raises
     ------
@@ -51,7 +56,7 @@ def open_cloud(paths: Sequence[Path], fetchers: Optional[Mapping[Path, Fetch]] =
         raise CloudError("no point cloud is given; expected at least one file")
     require_distinct(files)
     clouds = [_open_one(path, (fetchers or {}).get(path)) for path in files]
-    cloud = clouds[0] if len(clouds) == 1 else TiledCloud(clouds)
+    cloud = clouds[0] if len(clouds) == 1 else TiledCloud(clouds, any_crs=any_crs)
     count = cloud.info.point_count
     if count is not None and count < _FEWEST:
         held = "no points" if not count else f"only {count} point{'s' if count > 1 else ''}"

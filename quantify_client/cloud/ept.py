@@ -32,6 +32,7 @@ class EptCloud:
             crs=self._index.stated.crs,
             crs_origin=self._index.stated.origin,
             warnings=self._index.stated.warnings,
+            crs_parts=self._index.stated.parts,
         )
 
     def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:

@@ -245,5 +245,7 @@ def _stated(srs: Any) -> Stated:
         f"{authority}:{srs[part]}" if srs.get(part) else None for part in ("horizontal", "vertical")
     ]
     if any(codes):
-        statements.append(Statement("code in ept.json", codes[0], vertical=codes[1]))
+        places = {"CRS": "ept.json srs.horizontal", "heights": "ept.json srs.vertical"}
+        places["vertical unit"] = places["heights"]
+        statements.append(Statement("code in ept.json", codes[0], vertical=codes[1], places=places))
     return merge(statements)

@@ -52,6 +52,7 @@ class LasCloud:
             crs=found.crs,
             crs_origin=found.origin,
             warnings=warnings,
+            crs_parts=found.parts,
         )
 
     def _format(self) -> str:

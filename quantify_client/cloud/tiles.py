@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import Iterator, List, Optional, Sequence, Tuple
 
-from ..crs.statements import same_coordinates
+from ..crs.same import differ_in
 from ..errors import CloudError
 from ..small_files import real_path
 from ..types import Bounds, Chunk, CloudInfo, Window
@@ -16,10 +16,10 @@ from .base import DEFAULT_CHUNK, Cloud, gather, touches
 class TiledCloud:
     """Tiles of one survey, in any mix of formats, read one after the other."""
 
-    def __init__(self, clouds: Sequence[Cloud]) -> None:
+    def __init__(self, clouds: Sequence[Cloud], *, any_crs: bool = False) -> None:
         self._clouds = tuple(clouds)
         infos = [cloud.info for cloud in self._clouds]
-        crs, origin, warnings = _common_crs(infos)
+        named, warnings = _common_crs(infos, any_crs)
         formats = {info.format for info in infos}
         counts = [info.point_count for info in infos]
         self.info = CloudInfo(
@@ -27,9 +27,10 @@ class TiledCloud:
             format=formats.pop() if len(formats) == 1 else "mixed",
             point_count=sum(count or 0 for count in counts) if None not in counts else None,
             bounds=_around([info.bounds for info in infos]),
-            crs=crs,
-            crs_origin=origin,
+            crs=named.crs if named else None,
+            crs_origin=named.crs_origin if named else None,
             warnings=tuple(dict.fromkeys(w for info in infos for w in info.warnings)) + warnings,
+            crs_parts=named.crs_parts if named else (),
         )
 
     def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
@@ -53,25 +54,32 @@ def require_distinct(paths: Sequence[Path]) -> None:
 
 
 def _common_crs(
-    infos: Sequence[CloudInfo],
-) -> Tuple[Optional[str], Optional[str], Tuple[str, ...]]:
-    """The CRS that all tiles with a CRS agree on."""
+    infos: Sequence[CloudInfo], any_crs: bool
+) -> Tuple[Optional[CloudInfo], Tuple[str, ...]]:
+    """Return a tile with the CRS that all tiles with a CRS agree on, and warnings."""
     known: List[CloudInfo] = [info for info in infos if info.crs]
     if not known:
-        return None, None, ()
+        return None, ()
     first = known[0]
     for other in known[1:]:
-        if not same_coordinates(str(other.crs), str(first.crs)):
-            raise CloudError(
-                f"{other.sources[0]}: is in another CRS ({_short(other.crs)}) than "
-                f"{first.sources[0]} ({_short(first.crs)}); expected tiles of one survey: "
-                "reproject one of them, or measure them one by one"
-            )
+        parts = differ_in(str(other.crs), str(first.crs))
+        if not parts:
+            continue
+        found = (
+            f"{other.sources[0]}: is in another CRS ({_short(other.crs)}) than {first.sources[0]} "
+            f"({_short(first.crs)}): another {' and '.join(parts)}"
+        )
+        if any_crs:
+            return first, (f"{found}; both are taken to be in that of --crs",)
+        raise CloudError(
+            f"{found}; expected tiles of one survey: reproject one of them, measure them one by "
+            "one, or give the CRS that both are in (--crs)"
+        )
     silent = [info.sources[0] for info in infos if not info.crs]
     if not silent:
-        return first.crs, first.crs_origin, ()
+        return first, ()
     note = f"{len(silent)} of {len(infos)} tiles name no CRS (the first: {silent[0]})"
-    return first.crs, first.crs_origin, (f"{note}; they are taken to be in that of the others",)
+    return first, (f"{note}; they are taken to be in that of the others " "(--crs sets another)",)
 
 
 def _short(crs: Optional[str]) -> str:

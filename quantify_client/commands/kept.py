@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any, Dict, Mapping, Optional, get_args, get_type_hints
 
 from ..choices import check_options
-from ..errors import InputError, JobError, UsageError
+from ..crs import require_crs
+from ..errors import CrsError, InputError, JobError, UsageError
 from ..jobs.journal import ARCHIVE, DONE, JOURNAL, Job
 from ..jobs.own import is_own
 from ..small_files import read_small, real_path
@@ -42,7 +43,9 @@ def kept_options(folder: Path, job: Job) -> Dict[str, Any]:
             raise _no_options(folder, repr(name[:60]))
     try:
         check_options(Options(**options))
-    except UsageError as error:
+        if options.get("crs") is not None:
+            require_crs(options["crs"])  # kept as text: no file is read for a journal
+    except (UsageError, CrsError) as error:
         raise _no_options(folder, str(error)) from error
     return dict(options)
 

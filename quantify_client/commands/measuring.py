@@ -6,7 +6,7 @@ import argparse
 import json
 from importlib import resources
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Sequence, Union
+from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
 
 from rich.console import Console
 
@@ -18,7 +18,7 @@ from ..report import (
     to_json,
     write_report,
 )
-from ..report.words import printable
+from ..report.words import coordinate_rows, printable
 from ..types import AreaFailure, Measurement
 from .access import access_of
 from .shown import complain, stages
@@ -126,15 +126,24 @@ def info(given: argparse.Namespace) -> int:
         print(json.dumps(found, indent=2, allow_nan=False))
         return 0
     console = Console()
-    for key, value in found.items():
-        if key == "files":
-            value = ", ".join(f"{item['path']} ({item['size']:,} bytes)" for item in value)
-        elif isinstance(value, dict):
-            value = ", ".join(f"{k} {_brief(v)}" for k, v in value.items())
-        elif isinstance(value, (list, tuple)):
-            value = "; ".join(value) or "none"
+    for key, value in _rows(found):
         console.print(f"{key:>15}  {printable(_brief(value))}", markup=False, highlight=False)
     return 0
+
+
+def _rows(found: Mapping[str, Any]) -> Iterator[Tuple[str, Any]]:
+    """Yield what is found, as people read it."""
+    for key, value in found.items():
+        if key == "coordinates":
+            yield from coordinate_rows(found)
+        elif key == "files":
+            yield key, ", ".join(f"{item['path']} ({item['size']:,} bytes)" for item in value)
+        elif isinstance(value, dict):
+            yield key, ", ".join(f"{k} {_brief(v)}" for k, v in value.items())
+        elif isinstance(value, (list, tuple)):
+            yield key, "; ".join(value) or "none"
+        else:
+            yield key, value
 
 
 def _brief(value: object) -> str:

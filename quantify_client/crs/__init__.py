@@ -5,7 +5,8 @@
 :mod:`.positions` that of single points, :mod:`.local` their way to the ground of one site,
 :mod:`.placed` the frame of a cloud that is moved on its way,
 :mod:`.onmap` where a web map shows it; :mod:`.statements` brings together
-what a file says of its CRS in several places, :mod:`.geokeys` and :mod:`.wkt` read it.
+what a file says of its CRS in several places, :mod:`.geokeys` and :mod:`.wkt` read it,
+:mod:`.same` tells in what two CRSs differ.
 """
 
 from __future__ import annotations
@@ -24,10 +25,12 @@ from .placed import PlacedFrame, placed_frame
 from .plausible import doubts
 from .positions import Plane, odm_header, plane_of, positions_to
 from .projection import is_geographic, label
-from .statements import Stated, Statement, merge
-from .wkt import as_wkt, given_crs, statement_of_wkt
+from .same import same_coordinates
+from .statements import ASSUMED, Stated, Statement, merge, stated_by
+from .wkt import as_wkt, given_crs, require_crs, statement_of_wkt
 
 __all__ = [
+    "ASSUMED",
     "UNITS_M",
     "Frame",
     "LocalFrame",
@@ -53,6 +56,9 @@ __all__ = [
     "placed_frame",
     "plane_of",
     "positions_to",
+    "require_crs",
+    "stated_by",
+    "same_coordinates",
     "statement_of_wkt",
     "transfer_accuracy_m",
     "utm_grid",

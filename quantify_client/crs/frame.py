@@ -18,7 +18,6 @@ from ..types import Bounds, FloatArray, Window
 from .projection import (
     CRS,
     full_turn,
-    identifier,
     parse,
     short,
     split,
@@ -26,14 +25,17 @@ from .projection import (
     unbound,
     utm_zone,
 )
+from .same import identifier
 
 __all__ = ["UNITS_M", "Frame", "measuring_frame"]
 
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "us-ft": 1200 / 3937}
 _UNIT_NAMES = "m, cm, mm, ft or us-ft"
 
-# z may span this many times x and y before these are taken for degrees.
-_DEGREES = 1000.0
+# z may span this many times x and y before these are taken for degrees, of each of which a
+# thousandth of relief makes 100 times. Where x and y are far from 0 as well for their span, as
+# places in degrees are and bodies in their own coordinates are not, a fiftieth of that is enough.
+_DEGREES, _FAR_DEGREES, _FAR = 1000.0, 20.0, 1000.0
 # Files round the foot's length to 8 or more digits; the two feet differ by 2e-6.
 _SAME_UNIT = 1e-7
 # Enclosing boxes are sampled at 21 x 21 points and grown by this share of their width, which is
@@ -200,7 +202,9 @@ def _refuse_degrees(bounds: Optional[Bounds]) -> None:
     relief = bounds.max_z - bounds.min_z
     on_earth = max(abs(bounds.min_x), abs(bounds.max_x)) <= 360.0
     on_earth &= max(abs(bounds.min_y), abs(bounds.max_y)) <= 90.0
-    if on_earth and relief > _DEGREES * across:
+    middle = ((bounds.min_x + bounds.max_x) / 2, (bounds.min_y + bounds.max_y) / 2)
+    far = math.hypot(*middle) > _FAR * across
+    if on_earth and relief > (_FAR_DEGREES if far else _DEGREES) * across:
         raise CrsError(
             f"the cloud has no CRS; z spans {relief:.4g} while x and y span {across:.4g}, which "
             "look like longitude and latitude; give their CRS (--crs EPSG:4326, say), or "

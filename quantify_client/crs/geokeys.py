@@ -32,7 +32,8 @@ _ELLIPSOID, _SEMI_MAJOR, _SEMI_MINOR, _INVERSE_FLATTENING = 2056, 2057, 2058, 20
 _PROJECTED, _PROJECTION, _METHOD = 3072, 3074, 3075
 _UNIT, _UNIT_SIZE, _VERTICAL, _VERTICAL_UNIT = 3076, 3077, 4096, 4099
 _USER_DEFINED = 32767
-_GEOGRAPHIC_MODEL = 2
+_GEOGRAPHIC_MODEL, _GEOCENTRIC_MODEL = 2, 3
+_CITATIONS = (3073, 1026)
 
 _UNITS: Mapping[int, Unit] = {
     9001: ("metre", 1.0),
@@ -75,6 +76,7 @@ _METHODS: Mapping[int, Tuple[str, Tuple[_Parameter, ...]]] = {
     16: ("Oblique Stereographic", (*_AT_ORIGIN, _SCALED, _EASTING, _NORTHING)),
     18: ("Cassini-Soldner", (*_AT_ORIGIN, _EASTING, _NORTHING)),
 }
+_GEOCENTRIC = "EPSG:4978"
 _EMBEDDED = re.compile(r"ESRI PE String\s*=\s*((?:PROJCS|GEOGCS)\[.*\])", re.DOTALL)
 
 
@@ -90,7 +92,48 @@ def statement_of(keys: Mapping[int, float], texts: Mapping[int, str]) -> Stateme
     vertical, height_unit, notes = _heights(keys)
     crs = _plane(keys, texts, unit, notes)
     projected = keys.get(_MODEL) != _GEOGRAPHIC_MODEL
-    return Statement(ORIGIN, crs, unit if projected else None, vertical, height_unit, tuple(notes))
+    return Statement(
+        ORIGIN,
+        crs,
+        unit if projected else None,
+        vertical,
+        height_unit,
+        tuple(notes),
+        _places(keys, texts, unit, vertical, height_unit),
+    )
+
+
+def _places(
+    keys: Mapping[int, float],
+    texts: Mapping[int, str],
+    unit: Optional[Unit],
+    vertical: Optional[str],
+    height_unit: Optional[Unit],
+) -> Dict[str, str]:
+    """Return the key that says each part."""
+    code = int(keys.get(_PROJECTED, 0))
+    named = 0 < code < _USER_DEFINED
+    cited = () if keys.get(_MODEL) == _GEOGRAPHIC_MODEL else [k for k in _CITATIONS if k in texts]
+    coded = [key for key in (_PROJECTED, _PROJECTION, _METHOD) if _names(keys, key)]
+    crs = (*coded, *cited, _GEOGRAPHIC)[0]
+    places = {"CRS": crs}
+    if not named:
+        base = next((key for key in (_GEOGRAPHIC, _DATUM, _ELLIPSOID) if _names(keys, key)), crs)
+        places["datum"] = base
+    if unit is not None:
+        places["horizontal unit"] = _UNIT
+    if vertical is not None:
+        places["heights"] = _VERTICAL
+    if height_unit is not None:
+        places["vertical unit"] = _VERTICAL_UNIT
+    elif vertical is not None:
+        places["vertical unit"] = _VERTICAL
+    return {part: f"GeoTIFF key {key}" for part, key in places.items()}
+
+
+def _names(keys: Mapping[int, float], key: int) -> bool:
+    """Whether a key holds a code of EPSG, or of GeoTIFF's own."""
+    return 0 < int(keys.get(key, 0)) < _USER_DEFINED
 
 
 def _unit_of(keys: Mapping[int, float], code: int, size: int) -> Optional[Unit]:
@@ -126,11 +169,16 @@ def _plane(
         embedded = _EMBEDDED.search(text)
         if embedded is not None and _known(embedded.group(1)) is not None:
             return embedded.group(1)
+    if keys.get(_MODEL) == _GEOCENTRIC_MODEL:
+        return _GEOCENTRIC  # whichever its datum is: it has no plane to measure in
     code = int(keys.get(_PROJECTED, 0))
-    if 0 < code < _USER_DEFINED:
+    if code not in (0, _USER_DEFINED):
         if _known(f"EPSG:{code}") is not None:
             return f"EPSG:{code}"
         notes.append(f"{ORIGIN}: EPSG:{code} is not known here and not used")
+    named = None if keys.get(_METHOD) or keys.get(_PROJECTION) else _by_name(texts)
+    if named is not None:
+        return named
     if code or keys.get(_PROJECTION) or keys.get(_METHOD) or keys.get(_MODEL) == 1:
         return _spelled_out(keys, unit, notes)
     base = _base(keys)
@@ -138,6 +186,17 @@ def _plane(
         plain = base.to_epsg()
         return f"EPSG:{plain}" if plain else str(base.to_wkt())
     notes.append(f"{ORIGIN}: they name no CRS; the cloud is taken to have none (--crs gives one)")
+    return None
+
+
+def _by_name(texts: Mapping[int, str]) -> Optional[str]:
+    """Return the projected CRS whose very name in EPSG is a citation; None where there is none."""
+    for key in _CITATIONS:
+        name = texts.get(key, "").strip("\0| \t\r\n")
+        found = _known(name) if name else None
+        if found is not None and found.is_projected and found.name == name:
+            code = found.to_epsg()
+            return None if code is None else f"EPSG:{code}"
     return None
 
 

@@ -20,7 +20,6 @@ from .projection import (
     WGS84,
     gaussian_radius,
     horizontal_wkt,
-    identifier,
     parse,
     short,
     split,
@@ -28,6 +27,7 @@ from .projection import (
     unbound,
     utm_zone,
 )
+from .same import identifier
 
 __all__ = ["LocalFrame", "local_frame", "utm_grid"]
 

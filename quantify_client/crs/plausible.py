@@ -13,7 +13,8 @@ import numpy as np
 from ..errors import CrsError
 from ..types import Bounds
 from .frame import UNITS_M, Frame
-from .projection import CRS, WGS84, parse, short, split, transform, unbound
+from .placed import PlacedFrame
+from .projection import CRS, WGS84, areal_scale, codes_like, parse, short, split, transform, unbound
 from .statements import in_unit
 
 __all__ = ["doubts"]
@@ -25,17 +26,20 @@ _MARGIN = 6.0
 #: within 0.99 to 1.01, a UTM zone used two zones further out within 1.1 in the middle latitudes.
 _FACTORS = (0.9, 1.1)
 
+_SURE = 90
+
 _UNITS = (("US survey foot", UNITS_M["us-ft"]), ("foot", UNITS_M["ft"]), ("metre", 1.0))
 
 
-def doubts(frame: Frame, bounds: Optional[Bounds], factor: Optional[float]) -> List[str]:
+def doubts(frame: Frame, bounds: Optional[Bounds]) -> List[str]:
     """Return warnings about a CRS that puts its cloud where it cannot be.
 
     Parameters
     ----------
     bounds : of the cloud, in its own coordinates.
-    factor : grid length / ground length at its middle; None when unknown.
     """
+    if isinstance(frame, PlacedFrame):
+        frame = frame.base
     own = frame.cloud_crs
     if own is None or bounds is None:
         return []
@@ -51,6 +55,7 @@ def doubts(frame: Frame, bounds: Optional[Bounds], factor: Optional[float]) -> L
             f"the cloud's CRS ({short(crs.name)}) is for {short(use.name)}, and puts the cloud "
             f"{where}; {_cause(crs, use, x, y)}"
         ]
+    factor = _grid_factor(crs, x, y)
     if factor is None or _FACTORS[0] <= factor <= _FACTORS[1] or _grows(crs):
         return []
     return [
@@ -59,11 +64,21 @@ def doubts(frame: Frame, bounds: Optional[Bounds], factor: Optional[float]) -> L
     ]
 
 
+def _grid_factor(crs: CRS, x: float, y: float) -> Optional[float]:
+    """Return grid length / length on the ellipsoid; None without a grid, or a place on it."""
+    if not crs.is_projected:
+        return None
+    try:
+        return areal_scale(crs, x, y)[0]
+    except CrsError:
+        return None
+
+
 def _area_of_use(crs: CRS) -> Any:
     """Return EPSG's area of use: west, south, east, north in degrees, and a name; or None."""
     if crs.area_of_use is not None:
         return crs.area_of_use
-    code = crs.to_epsg(min_confidence=90)  # 70 takes a grid of another country for it
+    code = next((code for code, confidence in codes_like(crs) if confidence >= _SURE), None)
     return None if code is None else CRS.from_epsg(code).area_of_use
 
 

@@ -13,13 +13,13 @@ from ..types import FloatArray
 from .projection import (
     full_turn,
     horizontal_wkt,
-    identifier,
     parse,
     short,
     split,
     transform,
     unbound,
 )
+from .same import identifier
 
 __all__ = ["Plane", "odm_header", "plane_of", "positions_to"]
 

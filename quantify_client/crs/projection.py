@@ -27,10 +27,10 @@ __all__ = [
     "CRS",
     "WGS84",
     "areal_scale",
+    "codes_like",
     "full_turn",
     "gaussian_radius",
     "horizontal_wkt",
-    "identifier",
     "is_geographic",
     "label",
     "parse",
@@ -88,13 +88,18 @@ def is_geographic(crs: str) -> bool:
     return bool(unbound(parse(crs)).is_geographic)
 
 
-def identifier(crs: CRS) -> str:
-    """``EPSG:n`` when that definition is the same but for axis order, else WKT."""
-    plain = unbound(crs)
-    code = plain.to_epsg(min_confidence=100) or plain.to_epsg(min_confidence=70)
-    if code is not None and CRS.from_epsg(code).equals(plain, ignore_axis_order=True):
-        return f"EPSG:{code}"
-    return str(crs.to_wkt())
+def codes_like(crs: CRS) -> Tuple[Tuple[int, int], ...]:
+    """Return EPSG's codes that a CRS may have, and PROJ's confidence in each: 25, 70, 90 or 100.
+
+    25 is another order of the axes, and much else; 70 may be the grid of another country.
+    """
+    return _codes_like(str(crs.to_wkt()))
+
+
+@lru_cache(maxsize=64)  # a look through the whole database, where there is no name to go by
+def _codes_like(wkt: str) -> Tuple[Tuple[int, int], ...]:
+    found = parse(wkt).list_authority("EPSG", min_confidence=25)
+    return tuple((int(match.code), int(match.confidence)) for match in found)
 
 
 @lru_cache(maxsize=64)
@@ -165,7 +170,8 @@ def transform(
     if len(failed):
         raise CrsError(
             f"x {x[failed[0]]:.10g}, y {y[failed[0]]:.10g} in {short(parse(source).name)} does not "
-            f"exist in {short(parse(target).name)}; correct the coordinates or the CRS"
+            f"exist in {short(parse(target).name)}; correct the coordinates, or the cloud's CRS "
+            "(--crs)"
         )
     return (new_x[:1], new_y[:1]) if single else (new_x, new_y)
 

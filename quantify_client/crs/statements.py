@@ -10,21 +10,32 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass, replace
-from typing import Any, List, Optional, Sequence, Tuple
+from dataclasses import dataclass, field, replace
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from ..errors import CrsError
+from ..types import CloudInfo, CrsPart
 from .projection import CRS, horizontal_wkt, parse, short, split, unbound
+from .same import differences, names_datum
 
-__all__ = ["Stated", "Statement", "Unit", "compound", "in_unit", "merge", "same_coordinates"]
+__all__ = ["ASSUMED", "Stated", "Statement", "Unit", "compound", "in_unit", "merge", "stated_by"]
 
 Unit = Tuple[str, float]
 """The name of a unit of length, and its metres."""
 
-#: Files round the foot's length to 8 or more digits; units that differ by less are the same. The
-#: two feet differ by 2e-6: a volume by 6e-6, and nobody who names one of them means the other.
+Contrary = Tuple[str, str]
+"""A value that was not believed, and what said it."""
+
+#: Units beside a CRS that differ from its own by less are the same. The two feet differ by 2e-6: a
+#: volume by 6e-6, and nobody who names one of them beside a code in the other means a difference.
 _SAME = 1e-5
 
+#: The source of what no statement says.
+ASSUMED = "nothing says it: assumed"
+
+_BARE = "projection that is not known"
+_SOME_HEIGHT = "height"
+_HEIGHTS = "; heights: "
 _CODE = re.compile(r"EPSG:\d+")
 
 
@@ -40,6 +51,8 @@ class Statement:
     vertical : a vertical CRS that is given apart: WKT or ``EPSG:n``.
     height_unit : of z, where it is given apart from both.
     warnings : what of the record could not be used.
+    places : where each part of a :class:`CrsPart` is said, where that is more exact than `origin`.
+    contradicted_by : value and source of what said otherwise, by part, where that is known already.
     """
 
     origin: str
@@ -48,6 +61,12 @@ class Statement:
     vertical: Optional[str] = None
     height_unit: Optional[Unit] = None
     warnings: Tuple[str, ...] = ()
+    places: Mapping[str, str] = field(default_factory=dict)
+    contradicted_by: Mapping[str, Tuple[Contrary, ...]] = field(default_factory=dict)
+
+    def place(self, part: str) -> str:
+        """Return where a part is said."""
+        return self.places.get(part, self.places.get("CRS", self.origin))
 
 
 @dataclass(frozen=True)
@@ -59,11 +78,13 @@ class Stated:
     crs : WKT, PROJ string or ``EPSG:n``, compound where heights are known; None without any.
     origin : where it was found: ``"LAS WKT record; heights: GeoTIFF keys"``.
     warnings : what could not be used, and what contradicts what.
+    parts : what said each part of it.
     """
 
     crs: Optional[str] = None
     origin: Optional[str] = None
     warnings: Tuple[str, ...] = ()
+    parts: Tuple[CrsPart, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -71,10 +92,13 @@ class _Heights:
     """What a statement says of z: a unit at least."""
 
     origin: str
-    name: str
+    place: str
     unit: Unit
+    name: str = _SOME_HEIGHT
+    name_place: str = ""
     down: bool = False
     definition: Optional[str] = None
+    contrary: Tuple[Contrary, ...] = ()
 
 
 def merge(statements: Sequence[Statement]) -> Stated:
@@ -90,72 +114,57 @@ def merge(statements: Sequence[Statement]) -> Stated:
         Its ``crs`` is the very text of a statement where that says it all.
     """
     warnings = [text for statement in statements for text in statement.warnings]
-    usable = [_checked(statement, warnings) for statement in statements]
-    planes = [statement for statement in usable if statement.crs]
-    plane = planes[0] if planes else _bare(usable)
+    usable: List[Statement] = []
+    for statement in statements:
+        usable.append(_checked(statement, warnings, first=not any(s.crs for s in usable)))
+    plane = next((statement for statement in usable if statement.crs), None) or _bare(usable)
     heights = [known for known in (_heights_of(s, warnings) for s in usable) if known is not None]
     if plane is None or plane.crs is None:
-        return Stated(None, None, tuple(warnings))
-    for other in planes[1:]:
-        warnings += _contradiction(plane, other)
-    warnings += _height_contradictions(heights)
-    text = _with_unit(plane, warnings)
-    crs, origin = _with_heights(text, plane, heights)
+        return Stated(None, None, (*warnings, *_heights_alone(heights)))
+    contrary = _contradictions(plane, [s for s in usable if s is not plane], warnings)
+    crs, origin = _with_heights(plane, heights)
     if _if_known(crs, str(origin), warnings) is None:  # heights that no such plane can have
-        crs, origin = text, plane.origin
-    return Stated(crs, origin, tuple(warnings))
+        crs, origin, heights = plane.crs, plane.origin, []
+    believed = _believed(heights, warnings)
+    return Stated(crs, origin, tuple(warnings), _parts(plane, believed, contrary))
 
 
-def same_coordinates(one: str, other: str) -> bool:
-    """Whether two CRSs give a place the same coordinates, however each is written.
-
-    A null TOWGS84, names of axes and a vertical part in the unit that z has anyway say nothing of
-    coordinates.
-    """
-    if one == other:
-        return True
-    try:
-        planes = [split(parse(text)) for text in (one, other)]
-    except CrsError:
-        return False
-    (a, z_of_a), (b, z_of_b) = planes
-    if _shift(a) != _shift(b) or not _same_plane(unbound(a), unbound(b)):
-        return False
-    heights = [_z_unit(a, z_of_a), _z_unit(b, z_of_b)]
-    return math.copysign(1.0, heights[0]) == math.copysign(1.0, heights[1]) and _same_unit(
-        ("", abs(heights[0])), ("", abs(heights[1]))
+def stated_by(info: CloudInfo) -> Optional[Statement]:
+    """Return what a reader found, as one statement that knows where each part of it was said."""
+    if info.crs is None:
+        return None
+    said = {part.part: part for part in info.crs_parts if part.source != ASSUMED}
+    # A CRS without heights does not show that they were said to be in metres.
+    silent = "vertical unit" in said and split(parse(info.crs))[1] is None
+    return Statement(
+        info.crs_origin or info.format,
+        info.crs,
+        height_unit=("metre", 1.0) if silent else None,
+        places={name: part.source for name, part in said.items()},
+        contradicted_by={name: part.contradicted_by for name, part in said.items()},
     )
 
 
-def _same_plane(one: CRS, other: CRS) -> bool:
-    if one.equals(other, ignore_axis_order=True):
-        return True
-    code = one.to_epsg(min_confidence=70)
-    return code is not None and code == other.to_epsg(min_confidence=70)
+def _heights_alone(heights: Sequence[_Heights]) -> List[str]:
+    """Return a warning where the unit of z is known, and that of x and y is not."""
+    return [
+        f"{known.origin}: heights are in {known.unit[0]}, and nothing says the unit of x and y: z "
+        "is taken to be in the same (give --crs, or --source-unit and --vertical-unit)"
+        for known in heights[:1]
+    ]
 
 
-def _shift(crs: CRS) -> Tuple[float, ...]:
-    """Return the parameters of a TOWGS84; none of one that moves nothing."""
-    operation = crs.coordinate_operation if crs.is_bound else None
-    found = tuple(operation.towgs84) if operation is not None else ()
-    return found if any(found) else ()
+def _checked(statement: Statement, warnings: List[str], *, first: bool) -> Statement:
+    """Return a statement without what PROJ does not know, its plane in the unit beside it.
 
-
-def _z_unit(plane: CRS, vertical: Any) -> float:
-    """Return metres per unit of z, negative for depths; without a vertical part as x and y."""
-    if vertical is not None:
-        metres = float(vertical.unit_conversion_factor)
-        return -metres if vertical.direction == "down" else metres
-    if unbound(plane).is_geographic:
-        return 1.0
-    return float(unbound(plane).axis_info[0].unit_conversion_factor)
-
-
-def _checked(statement: Statement, warnings: List[str]) -> Statement:
-    """Return a statement without what PROJ does not know."""
+    What a plane and its unit contradict each other in is told of the first, which is believed.
+    """
     crs = _if_known(statement.crs, statement.origin, warnings)
     vertical = _if_known(statement.vertical, statement.origin, warnings)
-    return replace(statement, crs=crs, vertical=vertical)
+    known = replace(statement, crs=crs, vertical=vertical)
+    if crs is None or known.unit is None:
+        return known
+    return _with_unit(known, known.unit, warnings if first else [])
 
 
 def _if_known(text: Optional[str], origin: str, warnings: List[str]) -> Optional[str]:
@@ -174,64 +183,72 @@ def _bare(statements: Sequence[Statement]) -> Optional[Statement]:
         if statement.unit is not None:
             name, metres = statement.unit
             text = (
-                'LOCAL_CS["projection that is not known",LOCAL_DATUM["unknown",0],'
+                f'LOCAL_CS["{_BARE}",LOCAL_DATUM["unknown",0],'
                 f'UNIT["{name}",{metres!r}],AXIS["Easting",EAST],AXIS["Northing",NORTH]]'
             )
-            return replace(statement, crs=text, unit=None)
+            return replace(statement, crs=text)
     return None
 
 
-def _heights_of(statement: Statement, warnings: List[str]) -> Optional[_Heights]:
-    found = None
-    if statement.vertical is not None:
-        crs = parse(statement.vertical)
-        found = _of_axis(statement.origin, crs.name, crs.axis_info[-1], statement.vertical)
-    elif statement.crs is not None:
-        whole = parse(statement.crs)
-        vertical = split(whole)[1]
-        if vertical is not None:
-            parts = unbound(whole).sub_crs_list
-            definition = parts[1].to_wkt() if len(parts) > 1 else None
-            found = _of_axis(statement.origin, whole.name, vertical, definition)
-    unit = statement.height_unit
-    if unit is None:
-        return found
-    if found is None:
-        return _Heights(statement.origin, "height", unit)
-    if not _same_unit(found.unit, unit):
-        warnings.append(
-            f"{statement.origin}: heights are those of {short(found.name)} in {found.unit[0]}, and "
-            f"their unit is given as {unit[0]}: the unit is believed (--vertical-unit sets another)"
-        )
-        return replace(found, name="height", unit=unit, definition=None)
-    return found
+def _with_unit(statement: Statement, unit: Unit, warnings: List[str]) -> Statement:
+    """Return the plane in the unit that its own record gives apart from it."""
+    plane = _plane(str(statement.crs))
+    axis = plane.axis_info[0]
+    if not plane.is_projected or _same_unit(_unit_of(plane), unit):
+        return statement
+    warnings.append(
+        f"{statement.origin}: x and y are those of {short(plane.name)} in {axis.unit_name}, and "
+        f"their unit is given as {unit[0]}: the unit is believed (--crs sets another)"
+    )
+    beside = {"horizontal unit": ((axis.unit_name, statement.place("CRS")),)}
+    return replace(statement, crs=in_unit(plane, unit), contradicted_by=beside)
 
 
-def _of_axis(origin: str, name: str, axis: object, definition: Optional[str]) -> Optional[_Heights]:
-    metres = float(getattr(axis, "unit_conversion_factor", math.nan))
-    if not (math.isfinite(metres) and metres > 0):
-        return None
-    unit = (str(getattr(axis, "unit_name", "unit")), metres)
-    return _Heights(origin, name, unit, getattr(axis, "direction", "up") == "down", definition)
+def _plane(text: str) -> CRS:
+    return unbound(split(parse(text))[0])
+
+
+def _unit_of(plane: CRS) -> Unit:
+    axis = plane.axis_info[0]
+    return axis.unit_name, float(axis.unit_conversion_factor)
 
 
 def _same_unit(one: Unit, other: Unit) -> bool:
     return abs(one[1] / other[1] - 1) < _SAME
 
 
-def _contradiction(believed: Statement, other: Statement) -> List[str]:
-    """Return a warning where two statements name different CRSs, or different units."""
-    planes = [unbound(split(parse(str(statement.crs)))[0]) for statement in (believed, other)]
-    codes = {plane.to_epsg(min_confidence=70) for plane in planes} - {None}
-    axes = [plane.axis_info[0] for plane in planes]
-    units = [(axis.unit_name, float(axis.unit_conversion_factor)) for axis in axes]
-    if len(codes) < 2 and _same_unit(*units):
-        return []
-    return [
-        f"{believed.origin} and {other.origin} contradict each other: {short(planes[0].name)} in "
-        f"{units[0][0]}, and {short(planes[1].name)} in {units[1][0]}; the first is believed"
-        f"{_another(believed.origin, '--crs')}"
-    ]
+def _contradictions(
+    believed: Statement, others: Sequence[Statement], warnings: List[str]
+) -> Dict[str, Tuple[Contrary, ...]]:
+    """Return by part what other statements say, where it is not what is believed; warn of it."""
+    found = dict(believed.contradicted_by)
+    plane = _plane(str(believed.crs))
+    unit = _unit_of(plane)
+    for other in others:
+        if other.crs is not None:
+            against = _plane(other.crs)
+            what = f"{short(plane.name)} in {unit[0]}, and {short(against.name)} in"
+            parts = list(differences(plane, against))
+            if "datum" in parts and not (names_datum(plane) and names_datum(against)):
+                parts.remove("datum")  # one of them says nothing of it
+            says = {**_values(against), "projection": short(against.name)}
+        elif other.unit is not None and plane.is_projected and not _same_unit(unit, other.unit):
+            what, parts, says = (
+                f"{unit[0]} and",
+                ["horizontal unit"],
+                {"horizontal unit": other.unit[0]},
+            )
+        else:
+            continue
+        for part in parts:
+            found[part] = (*found.get(part, ()), (says.get(part, "none"), other.place(part)))
+        if parts:
+            warnings.append(
+                f"{believed.origin} and {other.origin} contradict each other: {what} "
+                f"{says['horizontal unit']}; the first is believed"
+                f"{_another(believed.origin, '--crs')}"
+            )
+    return found
 
 
 def _another(origin: str, option: str) -> str:
@@ -239,30 +256,101 @@ def _another(origin: str, option: str) -> str:
     return "" if origin.startswith("--") else f" ({option} sets another)"
 
 
-def _height_contradictions(heights: Sequence[_Heights]) -> List[str]:
-    return [
-        f"{heights[0].origin} and {other.origin} contradict each other on heights: "
-        f"{heights[0].unit[0]} and {other.unit[0]}; the first is believed"
-        f"{_another(heights[0].origin, '--vertical-unit')}"
-        for other in heights[1:]
-        if not _same_unit(heights[0].unit, other.unit)
-    ]
-
-
-def _with_unit(plane: Statement, warnings: List[str]) -> str:
-    """Return the plane in the unit that its own record gives apart from it."""
-    text, unit = str(plane.crs), plane.unit
-    horizontal = unbound(split(parse(text))[0])
-    if unit is None or not horizontal.is_projected:
-        return text
-    axis = horizontal.axis_info[0]
-    if _same_unit((axis.unit_name, float(axis.unit_conversion_factor)), unit):
-        return text
+def _heights_of(statement: Statement, warnings: List[str]) -> Optional[_Heights]:
+    found = None
+    if statement.vertical is not None:
+        crs = parse(statement.vertical)
+        found = _of_axis(statement, crs.name, crs.axis_info[-1], statement.vertical)
+    elif statement.crs is not None:
+        whole = parse(statement.crs)
+        vertical = split(whole)[1]
+        if vertical is not None:
+            parts = unbound(whole).sub_crs_list
+            definition = parts[1].to_wkt() if len(parts) > 1 else None
+            name = parts[1].name if len(parts) > 1 else whole.name
+            found = _of_axis(statement, name, vertical, definition)
+    unit, place = statement.height_unit, statement.place("vertical unit")
+    if unit is None:
+        return found
+    if found is None:
+        return _Heights(
+            statement.origin,
+            place,
+            unit,
+            contrary=statement.contradicted_by.get("vertical unit", ()),
+        )
+    if _same_unit(found.unit, unit):
+        return found
     warnings.append(
-        f"{plane.origin}: x and y are those of {short(horizontal.name)} in {axis.unit_name}, and "
-        f"their unit is given as {unit[0]}: the unit is believed (--crs sets another)"
+        f"{statement.origin}: heights are those of {short(found.name)} in {found.unit[0]}, and "
+        f"their unit is given as {unit[0]}: the unit is believed (--vertical-unit sets another)"
     )
-    return in_unit(horizontal, unit)
+    contrary = (*found.contrary, (found.unit[0], found.name_place))
+    return _Heights(statement.origin, place, unit, down=found.down, contrary=contrary)
+
+
+def _of_axis(
+    statement: Statement, name: str, axis: Any, definition: Optional[str]
+) -> Optional[_Heights]:
+    metres = float(axis.unit_conversion_factor)
+    if not (math.isfinite(metres) and metres > 0):
+        return None
+    return _Heights(
+        statement.origin,
+        statement.place("vertical unit"),
+        (str(axis.unit_name), metres),
+        name,
+        statement.place("heights"),
+        axis.direction == "down",
+        definition,
+        statement.contradicted_by.get("vertical unit", ()),
+    )
+
+
+def _believed(heights: Sequence[_Heights], warnings: List[str]) -> Optional[_Heights]:
+    """Return the first with what the others say instead; warn where they do."""
+    if not heights:
+        return None
+    first, *others = heights
+    others = [other for other in others if not _same_unit(first.unit, other.unit)]
+    warnings += [
+        f"{first.origin} and {other.origin} contradict each other on heights: "
+        f"{first.unit[0]} and {other.unit[0]}; the first is believed"
+        f"{_another(first.origin, '--vertical-unit')}"
+        for other in others
+    ]
+    contrary = tuple((other.unit[0], other.place) for other in others)
+    return replace(first, contrary=(*first.contrary, *contrary))
+
+
+def _parts(
+    plane: Statement, heights: Optional[_Heights], contrary: Mapping[str, Tuple[Contrary, ...]]
+) -> Tuple[CrsPart, ...]:
+    """Return what said each part of what is believed."""
+    crs = _plane(str(plane.crs))
+    found = [
+        CrsPart(part, value, plane.place(part), contrary.get(part, ()))
+        for part, value in _values(crs).items()
+    ]
+    if heights is None:
+        unit = "metre" if crs.is_geographic else _unit_of(crs)[0]
+        return (*found, CrsPart("vertical unit", unit, ASSUMED))
+    if heights.name != _SOME_HEIGHT:
+        found.append(CrsPart("heights", short(heights.name), heights.name_place))
+    return (*found, CrsPart("vertical unit", heights.unit[0], heights.place, heights.contrary))
+
+
+def _values(plane: CRS) -> Dict[str, str]:
+    """Return the names of what makes up a plane."""
+    unit = {"horizontal unit": _unit_of(plane)[0]}
+    if plane.name == _BARE:
+        return unit
+    names = {"CRS": short(plane.name)}
+    if plane.datum is not None:
+        names["datum"] = short(plane.datum.name)
+    if plane.is_projected and plane.coordinate_operation is not None:
+        names["projection"] = short(plane.coordinate_operation.name)
+    return {**names, **unit}
 
 
 def in_unit(projected: CRS, unit: Unit) -> str:
@@ -276,22 +364,19 @@ def in_unit(projected: CRS, unit: Unit) -> str:
     return str(CRS.from_json_dict(made).to_wkt())
 
 
-def _with_heights(
-    text: str, plane: Statement, heights: Sequence[_Heights]
-) -> Tuple[str, Optional[str]]:
+def _with_heights(plane: Statement, heights: Sequence[_Heights]) -> Tuple[str, str]:
     """Return the CRS with the heights that are believed, and where both are from."""
+    text, origin = str(plane.crs), plane.origin
     if not heights:
-        return text, plane.origin
+        return text, origin
     believed = heights[0]
-    origin = plane.origin
-    if believed.origin != plane.origin:
-        origin = f"{plane.origin}; heights: {believed.origin}"
+    if believed.origin != origin:
+        origin = f"{origin.split(_HEIGHTS)[0]}{_HEIGHTS}{believed.origin}"
     own = split(parse(text))[1]
     if own is not None and abs(float(own.unit_conversion_factor) / believed.unit[1] - 1) < _SAME:
         return text, origin
-    horizontal = unbound(split(parse(text))[0])
     plain = believed.unit[1] == 1.0 and not believed.down and believed.definition is None
-    if plain and horizontal.axis_info[0].unit_name == "metre":
+    if plain and _unit_of(_plane(text))[0] == "metre":
         return text, origin  # z is taken so anyway
     return compound(text, believed.unit, believed.definition), origin
 
@@ -302,7 +387,7 @@ def compound(text: str, unit: Unit, vertical: Optional[str] = None) -> str:
         return f"{text}+{vertical.split(':')[1]}"
     name, metres = unit
     heights = (
-        'VERTCRS["height",VDATUM["unknown"],CS[vertical,1],AXIS["up",up],'
+        f'VERTCRS["{_SOME_HEIGHT}",VDATUM["unknown"],CS[vertical,1],AXIS["up",up],'
         f'LENGTHUNIT["{name}",{metres!r}]]'
     )
     if vertical is not None:

@@ -13,7 +13,7 @@ from ..small_files import read_small
 from .projection import CRS, parse, short
 from .statements import Statement, Unit
 
-__all__ = ["as_wkt", "given_crs", "statement_of_wkt"]
+__all__ = ["as_wkt", "given_crs", "require_crs", "statement_of_wkt"]
 
 _PLANES = (
     "PROJCS",
@@ -27,6 +27,7 @@ _PLANES = (
 )
 _HEIGHTS = ("VERT_CS", "VERTCS", "VERTCRS", "VERTICALCRS")
 _UNIT = re.compile(r'(?:LENGTH)?UNIT\s*\[\s*"([^"]{1,80})"\s*,\s*([0-9.eE+-]{1,40})', re.IGNORECASE)
+_EXPECTED = "EPSG:n, WKT or a PROJ string"
 _MOST = 1 << 16  # characters that are looked through
 
 _DIALECTS = ("WKT1_GDAL", "WKT2_2019")  # the first is read by everyone; it cannot say everything
@@ -42,7 +43,7 @@ def given_crs(given: str) -> str:
     """
     if _known(given) is not None:
         return given
-    expected = "EPSG:n, WKT, a PROJ string, or a file (.prj, .wkt) with one of them"
+    expected = f"{_EXPECTED}, or a file (.prj, .wkt) with one of these"
     if not _is_file(given):
         raise CrsError(f"--crs {short(given)!r} is neither a known CRS nor a file: give {expected}")
     data = read_small(Path(given), most=_MOST, what=expected, error=CrsError)
@@ -50,6 +51,15 @@ def given_crs(given: str) -> str:
     if _known(text) is None:
         raise CrsError(f"{given[:200]} holds no CRS that is known here; expected {expected}")
     return text
+
+
+def require_crs(text: str) -> None:
+    """Raise CrsError for a text that is no CRS; no file is looked for.
+
+    >>> require_crs("EPSG:32615")
+    """
+    if _known(text) is None:
+        raise CrsError(f"--crs {short(text)!r} is no CRS that is known here: give {_EXPECTED}")
 
 
 def _is_file(given: str) -> bool:

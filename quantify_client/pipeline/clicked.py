@@ -12,7 +12,7 @@ from ..crs import Frame, measuring_frame, positions_to
 from ..errors import ControlError
 from ..sfm.outputs import Source, open_source
 from ..streaming import Progress, stream
-from ..types import FloatArray, Window
+from ..types import FloatArray, Options, Window
 
 __all__ = ["bars_control"]
 
@@ -29,7 +29,10 @@ _WGS84 = "OGC:CRS84"
 
 
 def bars_control(
-    cloud: Union[str, Path], bars: Sequence[Mapping[str, Any]], progress: Optional[Progress] = None
+    cloud: Union[str, Path],
+    bars: Sequence[Mapping[str, Any]],
+    progress: Optional[Progress] = None,
+    options: Optional[Options] = None,
 ) -> Dict[str, Any]:
     """Return a control file (to be written as JSON) for lengths between places clicked on a map.
 
@@ -40,6 +43,7 @@ def bars_control(
     Parameters
     ----------
     bars : mappings with ``from`` and ``to`` ([lon, lat], degrees), ``length_m``, ``accuracy_m``.
+    options : the CRS and the units that the user gave.
 
     Raises
     ------
@@ -47,13 +51,14 @@ def bars_control(
         The cloud has no CRS, or no points where an end was clicked.
     """
     report = progress or (lambda stage, share: None)
-    with open_source([cloud]) as source:
+    given = options or Options()
+    with open_source([cloud], options=given) as source:
         info = source.cloud.info
-        frame = measuring_frame(info.crs, None, info.bounds)
+        frame = measuring_frame(info.crs, given.source_unit, info.bounds)
         if frame.grid is None or info.bounds is None:
             raise ControlError(
-                "the cloud has no CRS, so places on a map are nowhere in it; upload a control file "
-                "with the cloud's own coordinates"
+                "the cloud has no CRS, so places on a map are nowhere in it; give its CRS (--crs), "
+                "or upload a control file with the cloud's own coordinates"
             )
         clicks = np.array([bar[end][:2] for bar in bars for end in ("from", "to")], dtype=float)
         own = frame.geographic_crs or frame.cloud_crs or ""

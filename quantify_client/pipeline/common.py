@@ -6,18 +6,19 @@ import math
 from dataclasses import asdict, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any, Mapping, Optional, Sequence, Union
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Union
 
 from ..crs import Frame, PlacedFrame, doubts, grid_scale_factor
 from ..sfm.outputs import Source
 from ..streaming import nothing_usable
-from ..types import AreaFailure, AreaResult, Bounds, Measurement, Options, Window
+from ..types import AreaFailure, AreaResult, Bounds, CloudInfo, Measurement, Options, Window
 from ..version import package_version
 
 __all__ = [
     "Result",
     "bounds_in_frame",
     "cloud_warnings",
+    "coordinates_of",
     "finish",
     "ground_factor",
     "measurement_of",
@@ -94,11 +95,10 @@ def finish(result: AreaResult, left_out: Mapping[str, int], options: Options) ->
     return replace(result, mass_t=options.density * volume, mass_std_t=std)
 
 
-def cloud_warnings(source: Source, frame: Frame, factor: Optional[float]) -> Sequence[str]:
+def cloud_warnings(source: Source, frame: Frame) -> Sequence[str]:
     """Return what there is to say of the whole cloud, its CRS above all."""
     info = source.cloud.info
-    doubted = [] if isinstance(frame, PlacedFrame) else doubts(frame, info.bounds, factor)
-    return (*info.warnings, *frame.warnings, *doubted)
+    return (*info.warnings, *frame.warnings, *doubts(frame, info.bounds))
 
 
 def measurement_of(
@@ -118,10 +118,25 @@ def measurement_of(
         method=method,
         grid_scale_factor=factor,
         results=tuple(results),
-        warnings=(*cloud_warnings(source, frame, factor), *warnings),
+        warnings=(*cloud_warnings(source, frame), *warnings),
         provenance={},
         frame=frame,
     )
+
+
+def coordinates_of(info: CloudInfo) -> List[Dict[str, Any]]:
+    """Return what said each part of a cloud's CRS, as JSON has it."""
+    return [
+        {
+            "part": part.part,
+            "value": part.value,
+            "source": part.source,
+            "contradicted_by": [
+                {"value": value, "source": source} for value, source in part.contradicted_by
+            ],
+        }
+        for part in info.crs_parts
+    ]
 
 
 def provenance(
@@ -143,6 +158,7 @@ def provenance(
         "version": package_version(),
         "options": given,
         "input": [dict(item) for item in source.inputs],
+        "coordinates": coordinates_of(source.cloud.info),
         "started": started.isoformat(timespec="seconds"),
         "seconds": round(seconds, 3),
     }

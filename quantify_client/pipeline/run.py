@@ -17,7 +17,7 @@ from ..sfm.outputs import open_source
 from ..streaming import Progress
 from ..types import Measurement, Options
 from .body import find_floor, measure_object
-from .common import cloud_warnings, provenance
+from .common import cloud_warnings, coordinates_of, provenance
 from .placing import place_cloud
 from .scale_budget import with_scale
 from .terrain import measure_areas
@@ -111,11 +111,12 @@ def describe(
             "odm": source.is_odm,
             "crs": frame.crs,
             "crs_origin": info.crs_origin,
+            "coordinates": coordinates_of(info),
             "length_unit": frame.length_unit,
             "points": info.point_count,
             "bounds": bounds and asdict(bounds),
             "mean_spacing_m": spacing,
             "shape": shape,
             "floor": floor and asdict(floor),
-            "warnings": list(cloud_warnings(source, frame, None)),
+            "warnings": list(cloud_warnings(source, frame)),
         }

@@ -14,7 +14,7 @@ from ..sfm.access import Access
 from ..sfm.outputs import Source, open_source
 from ..streaming import Progress
 from ..types import Bounds, FloatArray, Options, Scaled
-from .common import provenance
+from .common import cloud_warnings, provenance
 from .placing import Placement, place_cloud
 
 __all__ = ["scale"]
@@ -82,7 +82,7 @@ def scale(
                 source=source.label,
                 scaling=placement.scaling,
                 out=None if out is None else str(out),
-                warnings=(*info.warnings, *placement.frame.warnings, *more),
+                warnings=(*cloud_warnings(source, placement.frame), *more),
                 provenance=provenance(source, options, started, seconds, only=_OPTIONS),
             )
 

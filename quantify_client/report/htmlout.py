@@ -17,7 +17,7 @@ from .result_markup import result_body
 from .scale_markup import scale_section
 from .scale_words import factor_words
 from .units import NOTHING, Units
-from .words import crs_words, json_words, volume_word
+from .words import coordinate_rows, crs_words, json_words, volume_word
 
 __all__ = ["page_header", "page_top", "provenance_card", "render_html"]
 
@@ -160,8 +160,11 @@ def _card(
 def provenance_card(provenance: Mapping[str, Any], crs: Optional[str]) -> str:
     """Return where the numbers come from, as in the JSON document."""
     rows = [
-        (key, f"<code>{text(json_words(value))}</code>") for key, value in plain(provenance).items()
+        (key, f"<code>{text(json_words(value))}</code>")
+        for key, value in plain(provenance).items()
+        if key != "coordinates"
     ]
     if crs:
         rows.append(("crs", f"<code>{text(crs)}</code>"))
+    rows += [(part, text(said)) for part, said in coordinate_rows(provenance)]
     return f'<footer class="card"><h3>Provenance</h3>{facts(rows)}</footer>\n'

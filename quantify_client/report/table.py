@@ -12,7 +12,15 @@ from rich.text import Text
 from ..types import AreaFailure, AreaResult, Measurement
 from .body_words import floor_words, gap_words, left_out_words
 from .units import MINUS, NOTHING, THIN_SPACE, Units, count, display_units
-from .words import base_words, coverage_words, crs_words, is_terrain, printable, volume_word
+from .words import (
+    base_words,
+    coordinate_line,
+    coverage_words,
+    crs_words,
+    is_terrain,
+    printable,
+    volume_word,
+)
 
 __all__ = ["print_table", "say", "terminal_text"]
 
@@ -42,6 +50,9 @@ def print_table(measurement: Measurement, console: Console, *, units: str = "met
     """
     shown = display_units(measurement, units)
     say(console, _how(measurement), "dim")
+    told = coordinate_line(measurement.provenance)
+    if told:
+        say(console, f"Coordinates: {told}", "dim")
     measured = [r for r in measurement.results if isinstance(r, AreaResult)]
     rows = [_row(result, shown) for result in measured]
     _print_rows(console, rows)

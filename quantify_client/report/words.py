@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import unicodedata
-from typing import Any, Optional, Union
+from typing import Any, List, Mapping, Optional, Tuple, Union
 
 from ..types import AreaResult
 from .units import Units
@@ -13,6 +13,8 @@ from .units import Units
 __all__ = [
     "base_words",
     "budget_words",
+    "coordinate_line",
+    "coordinate_rows",
     "coverage_words",
     "crs_words",
     "encodable",
@@ -82,6 +84,36 @@ def crs_words(crs: Optional[str]) -> str:
         return "none (cloud coordinates)"
     match = WKT_NAME.match(crs)
     return printable(match.group(1).replace('""', '"') if match else crs)
+
+
+def coordinate_rows(provenance: Mapping[str, Any]) -> List[Tuple[str, str]]:
+    """Return each part of the cloud's CRS, and what said it and what said otherwise.
+
+    Examples
+    --------
+    >>> part = {"part": "horizontal unit", "value": "foot", "source": "GeoTIFF key 3076"}
+    >>> other = [{"value": "metre", "source": "GeoTIFF key 3072"}]
+    >>> coordinate_rows({"coordinates": [{**part, "contradicted_by": other}]})
+    [('horizontal unit', 'foot (GeoTIFF key 3076; not metre, as GeoTIFF key 3072 says)')]
+    """
+    rows = []
+    for part in provenance.get("coordinates", ()):
+        not_believed = "".join(
+            f"; not {other['value']}, as {other['source']} says"
+            for other in part["contradicted_by"]
+        )
+        rows.append((part["part"], printable(f"{part['value']} ({part['source']}{not_believed})")))
+    return rows
+
+
+def coordinate_line(provenance: Mapping[str, Any]) -> str:
+    """Return what a reader of a volume has to know of that: units, and what was contradicted."""
+    told = [
+        row
+        for row, part in zip(coordinate_rows(provenance), provenance.get("coordinates", ()))
+        if part["part"] in ("CRS", "horizontal unit", "vertical unit") or part["contradicted_by"]
+    ]
+    return "; ".join(f"{part} {said}" for part, said in told)
 
 
 def base_words(base: Union[str, float, None], units: Units) -> str:

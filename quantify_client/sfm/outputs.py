@@ -11,10 +11,18 @@ from typing import Any, Callable, Iterator, List, Mapping, Optional, Sequence, T
 
 from ..cloud import DEFAULT_CHUNK, Cloud, Fetch, open_cloud
 from ..cloud.base import naming
-from ..crs import UNITS_M, Statement, given_crs, merge, statement_of_wkt
+from ..crs import (
+    UNITS_M,
+    Statement,
+    given_crs,
+    merge,
+    same_coordinates,
+    stated_by,
+    statement_of_wkt,
+)
 from ..errors import CloudError, UsageError
 from ..small_files import real_path
-from ..types import Chunk, CloudInfo, Options, Window
+from ..types import Chunk, CloudInfo, CrsPart, Options, Window
 from .access import Access
 from .archive import unpacked
 from .layout import (
@@ -100,6 +108,7 @@ def open_source(
             cloud = open_cloud(
                 [path for item in located for path in item.paths],
                 {path: item.fetch for item in located if item.fetch for path in item.paths},
+                any_crs=options is not None and options.crs is not None,
             )
         yield Source(
             cloud=_Presented(cloud, _info(cloud.info, located, aliases, options), aliases),
@@ -214,22 +223,24 @@ def _info(
     warnings = [_rename(text, aliases) for text in info.warnings]
     warnings += [text for item in located for text in item.warnings]
     given = None if options is None else _given(options)
-    statements = [] if given is None else [given]
-    if info.crs is not None:
-        statements.append(Statement(info.crs_origin or info.format, info.crs))
-    sidecars = {item.sidecar.crs: item.sidecar for item in located if item.sidecar}
+    statements = [said for said in (given, stated_by(info)) if said is not None]
+    sidecars: List[Sidecar] = []
+    for sidecar in (item.sidecar for item in located if item.sidecar):
+        if not any(same_coordinates(sidecar.crs, other.crs) for other in sidecars):
+            sidecars.append(sidecar)
     if len(sidecars) > 1 and not any(statement.crs for statement in statements):
+        named = " and ".join(f"{item.origin} {item.crs[:60]!r}" for item in sidecars[:2])
         raise CloudError(
-            f"the sources are in different CRS ({', '.join(sorted(sidecars))[:200]}); expected "
-            "tiles of one survey: measure them one by one"
+            f"the sources are in different CRS ({named}); expected tiles of one survey: measure "
+            "them one by one, or give the CRS of all (--crs)"
         )
-    for sidecar in sidecars.values():
+    for sidecar in sidecars:
         if sidecar.fits(info.bounds):
             statements.append(statement_of_wkt(sidecar.crs, sidecar.origin))
         elif not statements:
             warnings.append(
                 f"{sidecar.origin} says {sidecar.crs}, but the cloud is nowhere near the place it "
-                "gives: the cloud is taken to have no CRS"
+                "gives: the cloud is taken to have no CRS (--crs gives one)"
             )
     stated = merge(statements)
     if given is not None and stated.crs is None:
@@ -243,6 +254,7 @@ def _info(
         crs=stated.crs,
         crs_origin=stated.origin,
         warnings=(*warnings, *stated.warnings),
+        crs_parts=stated.parts or _unit_parts(options),
     )
 
 
@@ -256,6 +268,18 @@ def _given(options: Options) -> Optional[Statement]:
         None if options.crs is None else given_crs(options.crs),
         unit=None if unit is None or options.crs is not None else (unit, UNITS_M[unit]),
         height_unit=None if height is None else (height, UNITS_M[height]),
+        places={"horizontal unit": "--source-unit" if options.crs is None else "--crs"}
+        | ({} if height is None else {"vertical unit": "--vertical-unit"}),
+    )
+
+
+def _unit_parts(options: Optional[Options]) -> Tuple[CrsPart, ...]:
+    """Return the parts of a cloud without a CRS, whose unit the user gave."""
+    unit = None if options is None else options.source_unit
+    if unit is None:
+        return ()
+    return tuple(
+        CrsPart(f"{axes} unit", unit, "--source-unit") for axes in ("horizontal", "vertical")
     )
 
 

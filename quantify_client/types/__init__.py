@@ -7,7 +7,7 @@ Frozen dataclasses only. Lengths, areas and volumes are in metres unless a name 
 from __future__ import annotations
 
 from .arrays import FloatArray, IntArray
-from .cloud import MAX_COORDINATE, Bounds, Chunk, CloudInfo, Window
+from .cloud import MAX_COORDINATE, Bounds, Chunk, CloudInfo, CrsPart, Window
 from .control import ControlAccount
 from .options import Options
 from .results import (
@@ -35,6 +35,7 @@ __all__ = [
     "CloudInfo",
     "ControlAccount",
     "ControlledPoint",
+    "CrsPart",
     "DirectHeight",
     "FloatArray",
     "Floor",

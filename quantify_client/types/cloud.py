@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Mapping, Optional, Sequence
+from typing import Mapping, Optional, Sequence, Tuple
 
 from .arrays import FloatArray
 
@@ -12,6 +12,7 @@ __all__ = [
     "Bounds",
     "Chunk",
     "CloudInfo",
+    "CrsPart",
     "Window",
 ]
 
@@ -79,6 +80,25 @@ class Chunk:
 
 
 @dataclass(frozen=True)
+class CrsPart:
+    """One thing that is known of a cloud's coordinates, and what said it.
+
+    Attributes
+    ----------
+    part : ``"CRS"``, ``"datum"``, ``"projection"``, ``"horizontal unit"``, ``"heights"`` (the
+        vertical CRS) or ``"vertical unit"``.
+    value : a name: ``"US survey foot"``.
+    source : what said it: ``"GeoTIFF key 3076"``; or that nothing did.
+    contradicted_by : value and source of each other statement, which was not believed.
+    """
+
+    part: str
+    value: str
+    source: str
+    contradicted_by: Tuple[Tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True)
 class CloudInfo:
     """What is known of a cloud before its points are read.
 
@@ -91,6 +111,7 @@ class CloudInfo:
     bounds : from the headers, in the cloud's own units, or None where only reading tells.
     crs : WKT, PROJ string or ``EPSG:n``; None when the cloud does not say.
     crs_origin : where the CRS was found (``"LAS WKT record"``, ``"coords.txt"``, ...), or None.
+    crs_parts : the same for each part of it.
     """
 
     sources: Sequence[str]
@@ -100,3 +121,4 @@ class CloudInfo:
     crs: Optional[str]
     crs_origin: Optional[str] = None
     warnings: Sequence[str] = ()
+    crs_parts: Tuple[CrsPart, ...] = ()

@@ -1,6 +1,7 @@
 // Shape, method and slices: what most measurements leave as it is.
 
 import React from "React";
+import CoordinatesStep from "./CoordinatesStep";
 import { _ } from "./gettext";
 import { Check, Field, Fold, Select } from "./ui";
 
@@ -14,8 +15,8 @@ export default class Advanced extends React.Component {
   }
 
   render() {
-    const { form, wrong, onChange, units } = this.props;
-    const asked = ["slices", "sliceHeight", "maxGap", "floorElevation"].some((key) => wrong[key]);
+    const { info, form, wrong, onChange, units } = this.props;
+    const asked = ["slices", "sliceHeight", "maxGap", "floorElevation", "crs"].some((key) => wrong[key]);
     return (
       <Fold title={_("Advanced")} said={this.said()} open={this.state.open || asked}
         onToggle={(open) => this.setState({ open })}>
@@ -43,6 +44,7 @@ export default class Advanced extends React.Component {
           <Check label={_("Leave out the map projection's scale (grid instead of ground)")} checked={form.grid}
             onChange={(grid) => onChange({ grid })} />
         ) : null}
+        {info.has_crs ? <CoordinatesStep info={info} form={form} wrong={wrong} onChange={onChange} /> : null}
       </Fold>
     );
   }

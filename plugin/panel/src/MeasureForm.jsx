@@ -4,6 +4,7 @@ import React from "React";
 import Advanced from "./Advanced";
 import AreaStep from "./AreaStep";
 import ControlStep from "./ControlStep";
+import CoordinatesStep from "./CoordinatesStep";
 import { wrongFields } from "./form";
 import { _ } from "./gettext";
 import { baseName, BASES } from "./words";
@@ -38,16 +39,18 @@ export default class MeasureForm extends React.Component {
     const wrong = wrongFields(form, bars.bars);
     const missing = this.missing(wrong);
     const shownWrong = this.state.tried ? wrong : {};
+    const placed = { ...info, has_crs: info.has_crs || Boolean(form.crs.trim()) };
     return (
       <form className="vc-form" onSubmit={this.measure} noValidate>
         <div className="vc-body">
           {children}
-          <AreaStep info={info} form={form} units={units} editor={editor} map={map} onChange={onChange} onError={onError} />
+          {info.has_crs ? null : <CoordinatesStep info={info} form={form} wrong={shownWrong} onChange={onChange} />}
+          <AreaStep info={placed} form={form} units={units} editor={editor} map={map} onChange={onChange} onError={onError} />
           {form.shape === "terrain" ? this.renderBase(shownWrong) : null}
           {this.renderDensity(shownWrong)}
-          <ControlStep info={info} form={form} units={units} bars={bars} map={map} wrong={shownWrong} onChange={onChange}
+          <ControlStep info={placed} form={form} units={units} bars={bars} map={map} wrong={shownWrong} onChange={onChange}
             onError={onError} />
-          <Advanced form={form} units={units} wrong={shownWrong} onChange={onChange} />
+          <Advanced info={info} form={form} units={units} wrong={shownWrong} onChange={onChange} />
         </div>
         <div className="vc-foot theme-secondary">
           <button type="submit" className="btn btn-primary vc-run" disabled={Boolean(missing) && !this.isTyping(wrong)}

@@ -3,7 +3,7 @@
 import React from "React";
 import { _, fill } from "./gettext";
 import { number } from "./units";
-import { baseName, budgetWords, seconds, shapeWords } from "./words";
+import { baseName, budgetWords, coordinateRows, seconds, shapeWords } from "./words";
 import { Fold } from "./ui";
 
 export function Budget({ result, units }) {
@@ -96,6 +96,7 @@ export function Details({ doc, units }) {
     [_("Scale by control"), scale && Number.isFinite(scale.factor)
       ? `× ${scale.factor.toFixed(5)}${Number.isFinite(scale.std) ? ` ± ${number(1.96 * scale.std, scale.std)}` : ""}`
       : null],
+    ...coordinateRows(provenance.coordinates),
     ...optionRows(options || {}, units),
     [_("Computed in"), seconds(provenance.seconds)],
     [_("Version"), provenance.version],

@@ -26,7 +26,12 @@ export const EMPTY_FORM = {
   controlFile: null, // {name, text}
   scaleMode: "auto",
   areaFrame: "cloud",
+  crs: "",
+  verticalUnit: "", // as the cloud says
+  sourceUnit: "",
 };
+
+const CRS = /^\s*(EPSG:\d{1,6}(\+\d{1,6})?\s*$|\+proj=|[A-Z_]{5,20}\s*\[)/i;
 
 const LENGTHS = ["elevation", "sliceHeight", "maxGap", "floorElevation"];
 const DENSITIES = ["density", "densitySigma"];
@@ -61,6 +66,7 @@ export function wrongFields(form, bars) {
     if (form.maxGap) need("maxGap", positive, _("Give a length above 0, or nothing."));
     if (form.floor === "elevation") need("floorElevation", Number.isFinite, _("Give an elevation."));
   }
+  if (form.crs.trim() && !CRS.test(form.crs)) wrong.crs = _("Give EPSG: and a number, WKT, or a PROJ text (+proj=…).");
   if (form.control === "file" && !form.controlFile) wrong.control = _("Choose a control file.");
   if (form.control === "bars") {
     if (!bars.length) wrong.control = _("Add a scale bar, or choose None.");
@@ -101,6 +107,9 @@ export function toOptions(form, units) {
     if (form.scaleMode !== "auto") options.scale_mode = form.scaleMode;
     if (form.areaFrame !== "cloud") options.area_frame = form.areaFrame;
   }
+  if (form.crs.trim()) options.crs = form.crs.trim();
+  else if (form.sourceUnit) options.source_unit = form.sourceUnit;
+  if (form.verticalUnit) options.vertical_unit = form.verticalUnit;
   return options;
 }
 
@@ -133,6 +142,9 @@ function fromOptions(options, units) {
   form.hollow = Boolean(options.hollow);
   form.centerCaps = Boolean(options.center_caps);
   form.grid = Boolean(options.grid);
+  form.crs = String(options.crs || "");
+  form.verticalUnit = String(options.vertical_unit || "");
+  form.sourceUnit = String(options.source_unit || "");
   return form;
 }
 

@@ -21,6 +21,31 @@ export function baseName(base, units) {
     : String(base);
 }
 
+export const UNITS = [
+  ["m", () => _("Metres")],
+  ["cm", () => _("Centimetres")],
+  ["mm", () => _("Millimetres")],
+  ["ft", () => _("Feet (international)")],
+  ["us-ft", () => _("Feet (US survey)")],
+];
+
+const CRS_PARTS = {
+  CRS: () => _("Coordinate system"),
+  datum: () => _("Datum"),
+  projection: () => _("Projection"),
+  "horizontal unit": () => _("Unit of lengths"),
+  heights: () => _("Heights"),
+  "vertical unit": () => _("Unit of heights"),
+};
+
+/** What said each part of the cloud's coordinates, and what said otherwise: [word, words]. */
+export function coordinateRows(coordinates) {
+  return (coordinates || []).map(({ part, value, source, contradicted_by: others }) => [
+    CRS_PARTS[part] ? CRS_PARTS[part]() : part,
+    `${value} (${[source, ...others.map((other) => fill(_("not %(value)s, as %(source)s says"), other))].join("; ")})`,
+  ]);
+}
+
 const BUDGET = {
   survey: () => _("Survey: noise of the points"),
   base: () => _("Base: what lies underneath"),
