@@ -32,7 +32,10 @@ class Host:
 
     @property
     def jobs(self) -> Path:
-        return self.data / "media" / "plugins" / "volcalc" / "jobs"
+        """Where the plugin keeps jobs; made by the first one, which may be yet to come."""
+        folder = self.data / "media" / "plugins" / "volcalc" / "jobs"
+        folder.mkdir(parents=True, exist_ok=True)
+        return folder
 
 
 @pytest.fixture(scope="session")
