@@ -51,7 +51,9 @@ export OPENBLAS_NUM_THREADS ?= 1
 
 .PHONY: demo plugin test test-newest test-live test-webodm fuzz lock lint lint39 format suite suite39 \
 	broker say say39 coverage clean
+ifndef SIDE_BY_SIDE
 .NOTPARALLEL:
+endif
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.ready
@@ -62,7 +64,10 @@ demo: $(VENV)/.ready
 plugin: $(VENV)/.ready
 	$(VENV)/bin/quantify-client plugin --out dist
 
-test: say say39 lint lint39 suite suite39 broker
+# Installing and checking types keep one processor busy each.
+test: say say39
+	@$(MAKE) --no-print-directory -j2 SIDE_BY_SIDE=1 lint lint39
+	@$(MAKE) --no-print-directory suite suite39 broker
 
 SUITE = -m pytest -n $(JOBS) --dist worksteal --durations=10
 
@@ -119,7 +124,7 @@ lint39: $(OLD)/.ready
 	$(OLD)/bin/mypy
 
 suite39: $(OLD)/.ready
-	MPLBACKEND=Agg $(OLD)/bin/python $(SUITE) -m "not one_python"
+	MPLBACKEND=Agg $(OLD)/bin/python $(SUITE) -m "not one_python" --hypothesis-profile second_python
 else
 say39:
 	@echo "No Python 3.9 with venv found (PATH, pyenv): the run with $(OLD_PINS) is left out;" \
