@@ -11,6 +11,13 @@ HOST = Path(__file__).parent / "host"
 collect_ignore_glob = ["host/*"]
 
 
+def pytest_collection_modifyitems(items):
+    """WebODM's own Python and Django tell all of it; on others tests/panel uses the same server."""
+    for item in items:
+        if item.path.parent == HOST.parent and "host" in item.fixturenames:
+            item.add_marker("webodm_python")
+
+
 class Host:
     """Where the stand-in is, its tasks by name, and its visitors."""
 
