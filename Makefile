@@ -51,7 +51,9 @@ export OPENBLAS_NUM_THREADS ?= 1
 
 .PHONY: demo plugin test test-newest test-live test-webodm fuzz lock lint lint39 format suite suite39 \
 	broker say say39 coverage clean
+ifndef SIDE_BY_SIDE
 .NOTPARALLEL:
+endif
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.ready
@@ -62,7 +64,10 @@ demo: $(VENV)/.ready
 plugin: $(VENV)/.ready
 	$(VENV)/bin/quantify-client plugin --out dist
 
-test: say say39 lint lint39 suite suite39 broker
+# Installing and checking types keep one processor busy each.
+test: say say39
+	@$(MAKE) --no-print-directory -j2 SIDE_BY_SIDE=1 lint lint39 $(BROKER)
+	@$(MAKE) --no-print-directory suite suite39 broker
 
 SUITE = -m pytest -n $(JOBS) --dist worksteal --durations=10
 
@@ -77,7 +82,7 @@ format: $(DEV)/.ready
 	$(DEV)/bin/ruff format .
 
 suite: $(DEV)/.ready
-	MPLBACKEND=Agg $(DEV)/bin/python $(SUITE)
+	MPLBACKEND=Agg $(DEV)/bin/python $(SUITE) $(if $(PYTHON39),-m "not webodm_python")
 
 test-newest:
 	$(call need_python,$(PYTHON313))
@@ -113,13 +118,14 @@ endif
 ifneq ($(PYTHON39),)
 say39:
 	@echo "The suite also runs on $(PYTHON39) with $(OLD_PINS), but for what takes long" \
-	  "and tells no more on a second Python (marker: one_python)."
+	  "and tells no more on a second Python (marker: one_python); the plugin's server runs there" \
+	  "alone (webodm_python)."
 
 lint39: $(OLD)/.ready
 	$(OLD)/bin/mypy
 
 suite39: $(OLD)/.ready
-	MPLBACKEND=Agg $(OLD)/bin/python $(SUITE) -m "not one_python"
+	MPLBACKEND=Agg $(OLD)/bin/python $(SUITE) -m "not one_python" --hypothesis-profile second_python
 else
 say39:
 	@echo "No Python 3.9 with venv found (PATH, pyenv): the run with $(OLD_PINS) is left out;" \
@@ -133,10 +139,12 @@ BROKER_PINS := celery==4.4.0 kombu==4.6.7 redis==3.2.0 vine==1.3.0 "importlib_me
 	"setuptools<58" pytest
 
 ifneq ($(and $(PYTHON39),$(shell command -v redis-server)),)
-broker: .venv-broker/.ready
+BROKER := .venv-broker/.ready
+
+broker: $(BROKER)
 	.venv-broker/bin/python -m pytest --noconftest -p no:cacheprovider tests/plugin/test_broker.py
 
-.venv-broker/.ready: Makefile
+$(BROKER): Makefile
 	$(call install,.venv-broker,$(PYTHON39),$(BROKER_PINS))
 	@touch $@
 else

@@ -16,11 +16,13 @@ __all__ = ["main"]
 def main() -> int:
     """Run the command line and return its exit status."""
     interrupted = 128 + int(signal.SIGINT)
-    with ready_streams(), Ending() as ending:
+    ending = Ending()
+    with ready_streams():
         try:
-            from .cli import main as run
+            with ending:
+                from .cli import main as run
 
-            status = run()
+                status = run()
         except KeyboardInterrupt:
             print("quantify-client: error: interrupted", file=sys.stderr)
             status = interrupted

@@ -24,7 +24,14 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 # A red build must be red again when it is run again, on any machine however slow.
 settings.register_profile("ci", derandomize=True, deadline=None, print_blob=True)
+settings.register_profile("second_python", settings.get_profile("ci"), max_examples=20)
 settings.load_profile("ci")
+
+
+def pytest_collection_modifyitems(items):
+    """Begin with what takes long, so that the workers end together."""
+    items.sort(key=lambda item: item.get_closest_marker("one_python") is None)
+
 
 DOCUMENT = {
     *("schema", "source", "crs", "length_unit", "shape", "method", "grid_scale_factor", "scale"),

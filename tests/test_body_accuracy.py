@@ -26,6 +26,9 @@ from solids import (
 
 from quantify_client.types import AreaResult
 
+# Bodies as a command measures them run on every Python in test_body_command.py.
+pytestmark = pytest.mark.one_python
+
 FEW, MANY = 10_000, 60_000
 SAMPLE = 20_000  # of the bodies themselves
 NEEDS_BUNNY = pytest.mark.skipif(not BUNNY.exists(), reason=NO_BUNNY)
@@ -49,7 +52,6 @@ def limit(name: str, count: int) -> float:
 # --- clean clouds
 
 
-@pytest.mark.one_python
 @pytest.mark.parametrize("name", ALL)
 def test_volume_from_few_points(name: str) -> None:
     body = BODIES[name]()
@@ -57,7 +59,6 @@ def test_volume_from_few_points(name: str) -> None:
     assert error_of(result, body.volume) < limit(name, FEW)
 
 
-@pytest.mark.one_python
 @pytest.mark.parametrize("name", ["cube, rotated", "four legs"])
 def test_volume_from_many_points(name: str) -> None:
     body = BODIES[name]()
@@ -65,7 +66,6 @@ def test_volume_from_many_points(name: str) -> None:
     assert error_of(result, body.volume) < limit(name, MANY)
 
 
-@pytest.mark.one_python
 @NEEDS_BUNNY
 def test_volume_of_the_bunny_from_many_points() -> None:
     result = volume_of(scan(BODIES["bunny"](), MANY, seed=1003))
@@ -77,7 +77,7 @@ def test_volume_of_the_bunny_from_many_points() -> None:
     # Walls must be some points thick for their two sides to be told apart.
     [
         ("cup", 20_000),
-        pytest.param("cup", MANY, marks=pytest.mark.one_python),
+        ("cup", MANY),
         ("hollow ball", FEW),
     ],
 )
@@ -88,7 +88,6 @@ def test_voids_are_left_out_where_asked(name: str, count: int) -> None:
     assert error_of(result, body.hollow) < limit(name, count)
 
 
-@pytest.mark.one_python
 @pytest.mark.parametrize("name", ["torus, lying", "four legs"])
 def test_hollow_changes_nothing_where_there_is_no_void(name: str) -> None:
     points = scan(BODIES[name](), 8_000, seed=1005)
@@ -102,7 +101,6 @@ NOISE, OUTLIERS, GRADIENT = Flaws(noise=0.01), Flaws(outliers=0.01), Flaws(gradi
 FLAWS = {"noise": NOISE, "outliers": OUTLIERS, "gradient": GRADIENT}
 
 
-@pytest.mark.one_python
 @pytest.mark.parametrize("flaws", FLAWS.values(), ids=FLAWS)
 @pytest.mark.parametrize("name", ["sphere", "L-prism", "torus, standing"])
 def test_flaws_of_clouds(name: str, flaws: Flaws) -> None:
@@ -111,7 +109,6 @@ def test_flaws_of_clouds(name: str, flaws: Flaws) -> None:
     assert error_of(result, body.volume) < 1.5
 
 
-@pytest.mark.one_python
 @NEEDS_BUNNY
 @pytest.mark.parametrize("flaws", FLAWS.values(), ids=FLAWS)
 def test_flaws_of_clouds_of_the_bunny(flaws: Flaws) -> None:
@@ -128,7 +125,6 @@ def test_strays_are_counted() -> None:
     assert result.points_used + left_out == FEW + 100
 
 
-@pytest.mark.one_python
 @pytest.mark.parametrize("name", ["sphere", "cube", "torus, lying"])
 def test_a_hole_of_a_fifth_is_closed(name: str) -> None:
     body = BODIES[name]()
@@ -139,7 +135,6 @@ def test_a_hole_of_a_fifth_is_closed(name: str) -> None:
 # --- where it stands
 
 
-@pytest.mark.one_python
 @pytest.mark.parametrize("tilt", [0.0, 12.0])
 @pytest.mark.parametrize("floor", ["auto", "plane"])
 def test_a_sphere_without_its_lowest_tenth_stands_on_the_ground(floor: str, tilt: float) -> None:
@@ -148,7 +143,6 @@ def test_a_sphere_without_its_lowest_tenth_stands_on_the_ground(floor: str, tilt
     assert error_of(result, BODIES["sphere"]().volume) < 3.0
 
 
-@pytest.mark.one_python
 def test_a_noisy_scan_of_a_sphere_with_its_ground() -> None:
     flaws = Flaws(noise=0.005, outliers=0.005, missing=0.1, ground=2.5, tilt=5.0)
     result = volume_of(scan(BODIES["sphere"](), 10_000, seed=1032, flaws=flaws))
@@ -169,7 +163,6 @@ def test_a_cube_on_the_ground_without_its_underside(floor: Optional[str]) -> Non
     assert error_of(result, 1.0) < 2.0
 
 
-@pytest.mark.one_python
 @pytest.mark.parametrize("name", ["four legs", "cup"])
 def test_a_whole_body_keeps_its_faces_that_are_flat(name: str) -> None:
     """A table's top, or a cup's bottom, is not taken for ground."""
@@ -182,7 +175,6 @@ def test_a_whole_body_keeps_its_faces_that_are_flat(name: str) -> None:
 # --- the bodies themselves
 
 
-@pytest.mark.one_python
 @pytest.mark.parametrize("name", ALL)
 def test_points_lie_evenly_on_an_area_as_large_as_stated(name: str) -> None:
     body = BODIES[name]()
@@ -199,7 +191,6 @@ def test_convex_bodies_fill_their_hulls() -> None:
         assert hull.volume == pytest.approx(body.volume, rel=0.005)
 
 
-@pytest.mark.one_python
 def test_volumes_of_unions_by_random_points() -> None:
     boxes = [box_part((0, 0, 0), (1, 0.5, 0.3)), box_part((0, 0, 0.2), (0.3, 0.5, 1))]
     volume, std = union_volume(boxes)

@@ -246,14 +246,19 @@ def test_the_paper_s_method(site, document):
     ],
 )
 def test_auto_shape_is_chosen_by_options_and_source(
-    source, options, shape, site, tmp_path, document, run
+    source, options, shape, site, tmp_path, document
 ):
     if options == ["--area"]:
         local = circle(9, 1020, 2020)
         (tmp_path / "local.geojson").write_text(features(local, crs=None))
         options = ["--area", tmp_path / "local.geojson"]
     assert document("volume", site / source, *options)["shape"] == shape
-    assert f"shape {shape}" in " ".join(run("volume", site / source, *options)[1].split())
+
+
+@pytest.mark.parametrize(("options", "shape"), [([], "object"), (["--base", "plane"], "terrain")])
+def test_shape_that_was_chosen_is_said(options, shape, site, run):
+    out = run("volume", site / "plain.csv", *options)[1]
+    assert f"shape {shape}" in " ".join(out.split())
 
 
 def test_an_odm_source_without_a_crs_is_terrain(site, tmp_path, document):

@@ -14,6 +14,9 @@ from terrains import Errors, cone, placed, survey, tilted
 from quantify_client import measure
 from quantify_client.types import AreaFailure, AreaResult
 
+# Many points: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 CONE = cone().on(tilted)
 
 

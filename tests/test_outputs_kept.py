@@ -18,6 +18,9 @@ from quantify_client import plugin_build, writing
 from quantify_client.errors import OutputError
 from quantify_client.jobs.create import require_free
 
+# Files and their marks: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 REPORT = ("report.json", "slices.csv", "areas.geojson", "report.html")
 FOREIGN = {
     "report.json": '{"type": "FeatureCollection"}',

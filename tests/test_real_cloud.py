@@ -14,6 +14,9 @@ from terrains import circle
 import quantify_client
 from quantify_client import measure
 
+# Many points: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 DEMO = Path(quantify_client.__file__).parent / "demo" / "brighton_beach.laz"
 
 #: The middles of open places on grass and road.

@@ -7,7 +7,6 @@ found before or while a member is written.
 
 from __future__ import annotations
 
-import io
 import re
 import shutil
 import stat
@@ -28,12 +27,12 @@ from .layout import (
     SIDECAR_BYTES,
     SIDECARS,
 )
+from .zips import LIST, Bounded, LongListError
 
 _GIB = 1 << 30
 _MAX_SIZE = 200 * _GIB
 _MAX_RATIO = 100
 _SMALL = 10 << 20  # bytes: below this any ratio is harmless
-_LIST = 10 << 20  # bytes of the list of members: some 80,000; each takes a kilobyte of memory
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # others unpack blocks of any size at once
 _SPARE = 64 << 20  # bytes to leave free on the disk
 _BLOCK = 1 << 20
@@ -73,28 +72,16 @@ def unpacked(path: Path, *, cameras: bool = False) -> Iterator[Path]:
         yield target
 
 
-class _Bounded(io.FileIO):
-    """A file of which no more is read at once than a list of members may have.
-
-    That list is what zipfile reads whole, at the length that the end of the file gives.
-    """
-
-    def read(self, size: Optional[int] = -1) -> bytes:
-        """As any file; CloudError beyond the limit."""
-        data: bytes = super().read(_LIST + 1 if size is None or size < 0 else min(size, _LIST + 1))
-        if len(data) > _LIST:
-            raise CloudError(
-                f"{self.name}: has a list of members of more than {_LIST >> 20} MB, some 80,000 "
-                f"of them; {_AGAIN}, or unpack it yourself and give the folder"
-            )
-        return data
-
-
 @contextmanager
 def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
-    with _Bounded(str(path)) as stream:
+    with Bounded(str(path)) as stream:
         try:
             archive = zipfile.ZipFile(stream)
+        except LongListError:
+            raise CloudError(
+                f"{path}: has a list of members of more than {LIST >> 20} MB, some 80,000 of "
+                f"them; {_AGAIN}, or unpack it yourself and give the folder"
+            ) from None
         except zipfile.BadZipFile:
             stream.seek(0)
             if stream.read(4) == b"PK\x03\x04":

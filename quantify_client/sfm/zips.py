@@ -2,34 +2,51 @@
 
 from __future__ import annotations
 
-import struct
+import io
 import zipfile
 from pathlib import Path
 from typing import Optional
 
 from .redaction import plain
 
-__all__ = ["zip_fault"]
+__all__ = ["LIST", "Bounded", "LongListError", "zip_fault"]
 
-_MOST_DIRECTORY = 32 << 20  # bytes: several hundred thousand members; each takes a kB in memory
+LIST = 10 << 20
+"""Bytes of a zip's list of members: some 80,000; each takes a kilobyte of memory."""
+
 _MOST_RATIO = 100  # pictures and clouds, of which results are made, hardly pack at all
 _SMALL = 10 << 20  # bytes: below this any ratio is harmless
-_END, _END64 = b"PK\x05\x06", b"PK\x06\x06"
-_END_BYTES, _END64_BYTES, _PLACE64_BYTES = 22, 56, 20
-_TAIL = _END_BYTES + (1 << 16) + _END64_BYTES + _PLACE64_BYTES  # a comment may follow
+
+
+class LongListError(Exception):
+    """A zip's list of members is longer than any result's."""
+
+
+class Bounded(io.FileIO):
+    """A file of which no more is read at once than a list of members may have.
+
+    That list is what zipfile reads whole, at the length that the end of the file gives.
+    """
+
+    def read(self, size: Optional[int] = -1) -> bytes:
+        """As any file; LongListError beyond the limit."""
+        data: bytes = super().read(LIST + 1 if size is None or size < 0 else min(size, LIST + 1))
+        if len(data) > LIST:
+            raise LongListError
+        return data
 
 
 def zip_fault(path: Path) -> Optional[str]:
     """Say what is wrong with a zip, reading all of it; None when it is sound and not empty."""
     try:
-        if _directory_bytes(path) > _MOST_DIRECTORY:
-            return "has more members than any result"
-        with zipfile.ZipFile(path) as archive:
+        with Bounded(str(path)) as file, zipfile.ZipFile(file) as archive:
             members = archive.infolist()
             whole, size = sum(member.file_size for member in members), path.stat().st_size
             if whole > _SMALL and whole > _MOST_RATIO * size:
                 return f"unpacks to {whole // size} times its size, which no result does"
             broken = archive.testzip()
+    except LongListError:
+        return "has more members than any result"
     except zipfile.BadZipFile:
         return "is no zip, or its end is missing"
     except (OSError, RuntimeError, NotImplementedError, EOFError, ValueError) as error:
@@ -39,20 +56,3 @@ def zip_fault(path: Path) -> Optional[str]:
     if broken is not None:
         return f"is damaged: {plain(broken, 80)} does not have its checksum"
     return None if members else "is empty"
-
-
-def _directory_bytes(path: Path) -> int:
-    """Return how long the list of members says that it is; zipfile reads all of that at once."""
-    with path.open("rb") as file:
-        file.seek(max(0, path.stat().st_size - _TAIL))
-        tail = file.read()
-    sizes = [0]
-    for place in (len(tail) - _END_BYTES, tail.rfind(_END)):
-        if place < 0 or tail[place : place + 4] != _END or place + _END_BYTES > len(tail):
-            continue
-        (size,) = struct.unpack_from("<I", tail, place + 12)
-        there = place - _PLACE64_BYTES - _END64_BYTES
-        if there >= 0 and tail[there : there + 4] == _END64:
-            (size,) = struct.unpack_from("<Q", tail, there + 40)
-        sizes.append(size)
-    return max(sizes)

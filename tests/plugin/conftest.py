@@ -11,6 +11,13 @@ HOST = Path(__file__).parent / "host"
 collect_ignore_glob = ["host/*"]
 
 
+def pytest_collection_modifyitems(items):
+    """WebODM's own Python and Django tell all of it; on others tests/panel uses the same server."""
+    for item in items:
+        if item.path.parent == HOST.parent and "host" in item.fixturenames:
+            item.add_marker("webodm_python")
+
+
 class Host:
     """Where the stand-in is, its tasks by name, and its visitors."""
 
@@ -32,7 +39,10 @@ class Host:
 
     @property
     def jobs(self) -> Path:
-        return self.data / "media" / "plugins" / "volcalc" / "jobs"
+        """Where the plugin keeps jobs; made by the first one, which may be yet to come."""
+        folder = self.data / "media" / "plugins" / "volcalc" / "jobs"
+        folder.mkdir(parents=True, exist_ok=True)
+        return folder
 
 
 @pytest.fixture(scope="session")

@@ -38,7 +38,6 @@ def full(folder):
 def stopped(host):
     """The address of jobs on a small disk, and a worker that stands still."""
     root = f"{API}/{host.tasks['Mine']}/jobs"
-    host.owner.get(root)
     with small_disk(host.jobs, "256k") as jobs:
         host.owner.post("/test/worker/stop")
         yield root, jobs

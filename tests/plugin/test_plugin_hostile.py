@@ -229,7 +229,6 @@ def test_crop_of_too_many_corners_is_not_sent_and_not_measured(host):
 
 
 def test_lock_that_is_held_keeps_nobody_waiting_for_long(host):
-    host.owner.get(f"{API}/{host.tasks['Mine']}/jobs")
     with (host.jobs / ".lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         began = time.monotonic()

@@ -168,13 +168,14 @@ def test_jobs_of_a_deleted_task_go_with_the_next_request(host):
 
 def test_disk_that_cannot_be_written_is_told_in_words(host):
     task = host.tasks["Mine"]
-    away = host.jobs.rename(host.jobs.with_name("jobs-away"))
-    host.jobs.write_text("no folder")
+    jobs = host.jobs
+    away = jobs.rename(jobs.with_name("jobs-away"))
+    jobs.write_text("no folder")
     try:
         found = host.owner.post(f"{API}/{task}/jobs", {"area": ROUND})
     finally:
-        host.jobs.unlink()
-        away.rename(host.jobs)
+        jobs.unlink()
+        away.rename(jobs)
     assert found.status == 507
     assert "cannot read or write its files" in found.error
     assert str(host.data) not in found.error

@@ -31,7 +31,8 @@ class Trials:
 @pytest.fixture(scope="module")
 def hundred() -> Trials:
     """The survey of the issue, a hundred times."""
-    made = [(survey(seed), fit(survey(seed).network, "auto", False)) for seed in range(100)]
+    surveys = [survey(seed) for seed in range(100)]
+    made = [(truth, fit(truth.network, "auto", False)) for truth in surveys]
     return Trials(
         np.array([(found.factor - truth.factor) / found.std for truth, found in made]),
         np.array([found.std / found.factor for _, found in made]),

@@ -155,8 +155,12 @@ def test_heights_of_a_list_in_feet_are_metres(tmp_path: Path) -> None:
         (UTM + f"{ROW} A\n{ROW.replace('730.5', '9')} A", "another pixel of 'IMG_0031.jpg'"),
         (UTM + f"{ROW} " + "x" * 101, "a name may have 100 characters"),
         (UTM + f"{ROW} a\x07b", "control characters"),
-        (UTM + "\n".join(f"{i} 9999 5" for i in range(1000, 3002)), "more than 2,000 points"),
-        (UTM + "1000 9999 5\n" * 100_001, "more than 100,000 rows"),
+        pytest.param(
+            UTM + "\n".join(f"{i} 9999 5" for i in range(1000, 3002)),
+            "more than 2,000 points",
+            id="points",
+        ),
+        pytest.param(UTM + "1000 9999 5\n" * 100_001, "more than 100,000 rows", id="rows"),
     ],
 )
 def test_mistake_is_named_in_one_line(text: str, fragment: str, tmp_path: Path) -> None:

@@ -13,6 +13,9 @@ from quantify_client.errors import InputError
 from quantify_client.volcalc.solid import SolidRecipe, measure_solid
 from quantify_client.volcalc.voxels import Thinned
 
+# Bodies as a command measures them run on every Python in test_body_command.py.
+pytestmark = pytest.mark.one_python
+
 BALL = np.pi / 6
 CUP = cup(inner=0.3, floor=0.2)
 
