@@ -17,6 +17,7 @@ from ..sfm.outputs import open_source
 from ..streaming import Progress
 from ..types import Measurement, Options
 from .body import find_floor, measure_object
+from .checking import with_check_words
 from .common import cloud_warnings, provenance
 from .placing import place_cloud
 from .scale_budget import with_scale
@@ -73,6 +74,7 @@ def measure(
         if placement is not None:
             again = partial(run, source, options=chosen, report=report)
             measurement = with_scale(measurement, placement, chosen, again)
+        measurement = with_check_words(measurement)
     seconds = time.perf_counter() - clock
     return replace(measurement, provenance=provenance(source, chosen, started, seconds))
 

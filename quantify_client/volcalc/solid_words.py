@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Callable, Iterator, Sequence
 
-from ..types import Check, Gap
+from ..types import Gap
 from .enclose import Enclosed
 from .standing import Standing
 from .voxels import Thinned
@@ -14,8 +14,6 @@ __all__ = ["open_surface", "words"]
 #: Shares of the volume, or of the points, that are worth a word.
 _HIDDEN = 0.02
 _STRAYS = 0.03
-_CHECK_OFF = 0.01
-_CHECK_OF_SKIN = 0.25
 _THIN = 0.03
 _LOST = 0.25
 
@@ -27,8 +25,6 @@ def words(
     standing: Standing,
     body: Enclosed,
     hidden: float,
-    std: float,
-    checks: Sequence[Check],
     volume: float,
     place: _Place,
 ) -> tuple[str, ...]:
@@ -40,7 +36,6 @@ def words(
         *_walls(body),
         *_hollows(body, volume),
         *_points(cloud, standing),
-        *_check(body, checks, volume, std),
     )
 
 
@@ -139,14 +134,3 @@ def _points(cloud: Thinned, standing: Standing) -> Iterator[str]:
     if standing.stray_count > _STRAYS * total:
         share = 100.0 * standing.stray_count / total
         yield f"{share:.0f} % of the points are strays far from the surface and were left out"
-
-
-def _check(body: Enclosed, checks: Sequence[Check], volume: float, std: float) -> Iterator[str]:
-    # The check itself is off by what noise does to its skin.
-    own = _CHECK_OFF * volume + _CHECK_OF_SKIN * 0.5 * (body.outer + body.inner)
-    for check in checks:
-        if abs(check.volume_m3 - volume) > 1.96 * std + own:
-            yield (
-                f"the check by {check.method} gives {check.volume_m3:.4g} m3, which is outside the "
-                "interval: look at the sections"
-            )
