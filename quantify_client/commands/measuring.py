@@ -18,6 +18,7 @@ from ..report import (
     to_json,
     write_report,
 )
+from ..report.plain import plain
 from ..report.words import printable
 from ..types import AreaFailure, Measurement
 from .access import access_of
@@ -123,7 +124,7 @@ def info(given: argparse.Namespace) -> int:
             access=access_of(given),
         )
     if given.json:
-        print(json.dumps(found, indent=2, allow_nan=False))
+        print(json.dumps(plain(found), indent=2, allow_nan=False))
         return 0
     console = Console()
     for key, value in found.items():

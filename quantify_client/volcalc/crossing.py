@@ -52,8 +52,7 @@ def bridge_crossings(rim: Rim, ground_factor: float = 1.0) -> tuple[Rim, list[st
             what = "a channel" if deepest < 0 else "a ridge"
             said.append(
                 f"the outline crosses {what} of {abs(deepest):.2g} m over "
-                f"{length / ground_factor:.2g} m; the base goes straight across (--base plane "
-                "follows the outline as it is)"
+                f"{length / ground_factor:.2g} m; the base goes straight across"
             )
     if keep.all() or rim.length[~keep].sum() > _LONGEST_TOGETHER * rim.length.sum():
         return rim, []

@@ -119,7 +119,16 @@ def measure_solid(name: str, cloud: Thinned, recipe: SolidRecipe) -> AreaResult:
         slice_height_m=float(edges[1] - edges[0]),
         slices=tuple(replace(part, z_m=part.z_m + zero) for part in slices),
         checks=checks,
-        warnings=words(cloud, standing, body, hidden, volume, here.place(standing)),
+        warnings=words(
+            cloud,
+            standing,
+            body,
+            hidden,
+            volume,
+            here.place(standing),
+            floor_asked=recipe.floor != "auto",
+            gap_asked=recipe.max_gap is not None,
+        ),
         solid=_drawn(here, standing, body, edges, _convergence(body, hidden, scale)),
     )
 

@@ -17,6 +17,9 @@ _STRAYS = 0.03
 _THIN = 0.03
 _LOST = 0.25
 
+_GAP_ADVICE = "; --max-gap sets how wide an opening may be closed"
+_FLOOR_ADVICE = "; --floor none measures all points"
+
 _Place = Callable[[Gap], str]
 
 
@@ -27,12 +30,21 @@ def words(
     hidden: float,
     volume: float,
     place: _Place,
+    *,
+    floor_asked: bool,
+    gap_asked: bool,
 ) -> tuple[str, ...]:
-    """Return what to warn of, the gravest first."""
+    """Return what to warn of, the gravest first.
+
+    Parameters
+    ----------
+    floor_asked, gap_asked : the user said what the floor is, and how wide a gap may be closed:
+        nothing advises that then.
+    """
     return (
         *_leaks(body, place),
-        *_gaps(body, place),
-        *_floor(standing, hidden, volume),
+        *_gaps(body, place, "" if gap_asked else _GAP_ADVICE),
+        *_floor(standing, hidden, volume, "" if floor_asked else _FLOOR_ADVICE),
         *_walls(body),
         *_hollows(body, volume),
         *_points(cloud, standing),
@@ -63,17 +75,14 @@ def _leaks(body: Enclosed, place: _Place) -> Iterator[str]:
         )
 
 
-def _gaps(body: Enclosed, place: _Place) -> Iterator[str]:
+def _gaps(body: Enclosed, place: _Place, advice: str) -> Iterator[str]:
     if body.gaps:
         widest, number = body.gaps[0], len(body.gaps)
         count = "1 opening in the surface was" if number == 1 else f"{number} openings were"
-        yield (
-            f"{count} closed, the widest {widest.width:.3g} m wide at {place(widest)}; "
-            "--max-gap sets how wide an opening may be closed"
-        )
+        yield (f"{count} closed, the widest {widest.width:.3g} m wide at {place(widest)}{advice}")
 
 
-def _floor(standing: Standing, hidden: float, volume: float) -> Iterator[str]:
+def _floor(standing: Standing, hidden: float, volume: float, advice: str) -> Iterator[str]:
     floor = standing.floor
     if floor is None:
         return
@@ -86,7 +95,7 @@ def _floor(standing: Standing, hidden: float, volume: float) -> Iterator[str]:
         yield (
             f"{floor.points:,} points lie on a floor at {floor.elevation:.3f} m, tilted by "
             f"{floor.tilt_degrees:.1f} degrees: they were left out and the body stands upright on "
-            "it; --floor none measures all points"
+            f"it{advice}"
         )
     if hidden > _HIDDEN * volume:
         yield (
@@ -113,7 +122,7 @@ def _walls(body: Enclosed) -> Iterator[str]:
 
 
 def _hollows(body: Enclosed, volume: float) -> Iterator[str]:
-    if body.water > 0.002 * volume:
+    if body.water > 0.002 * volume and not body.hollow:
         yield (
             f"a hollow that would hold {body.water:.4g} m3 of water counts as solid; --hollow "
             "leaves it out"

@@ -43,8 +43,9 @@ def words(result: AreaResult, doubts: Doubts, *, compared: bool) -> Tuple[str, .
     ----------
     compared : whether the result stands beside those on other bases.
     """
+    advice = "" if compared else " (--base plane follows the outline as it is)"
     return (
-        *doubts.crossings,
+        *(crossing + advice for crossing in doubts.crossings),
         *_support(result, doubts),
         *_relief(result, doubts, compared),
     )

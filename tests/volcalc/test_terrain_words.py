@@ -39,6 +39,11 @@ def test_nothing_advises_what_is_already_done():
     assert "try --base compare" in said(doubts)[0]
     assert "--base" not in said(doubts, compared=True)[0]
     assert "with the other bases" in said(doubts, compared=True)[0]
+    doubts = Doubts(crossings=("the base goes straight across",))
+    assert said(doubts) == (
+        "the base goes straight across (--base plane follows the outline as it is)",
+    )
+    assert said(doubts, compared=True) == doubts.crossings
 
 
 def test_the_relief_is_weighed_against_the_volume_that_is_told():
