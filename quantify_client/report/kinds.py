@@ -15,12 +15,10 @@ from .units import Units
 __all__ = ["in_units", "kind_of", "lines_of_kinds", "said_of_results"]
 
 #: No part of a name, of an option or of a coordinate with a sign.
-_NUMBER = re.compile(r"(?<![\w.])\d+(?:,\d{3})*(?:\.\d+)?(?:e[-+]?\d+)?(?!\w)", re.IGNORECASE)
+_NUMBER = re.compile(r"(?<![\w.])\d+(?:,\d{3})*(?:\.\d+)?(?:[eE][-+]?\d+)?(?!\w)")
 
 #: A number with its unit, as sentences have them: "1.2e+03 m3", "0.25 m wide".
-_QUANTITY = re.compile(
-    r"(?<![\w.])(\d+(?:,\d{3})*(?:\.\d+)?(?:e[-+]?\d+)?) (m3|m2|m)(?![\w/])", re.IGNORECASE
-)
+_QUANTITY = re.compile(r"(?<![\w.])(\d+(?:,\d{3})*(?:\.\d+)?(?:[eE][-+]?\d+)?) (m3|m2|m)(?![\w/])")
 
 _MOST_NAMES = 8
 
@@ -41,7 +39,7 @@ def in_units(sentence: str, units: Units) -> str:
     }
 
     def converted(match: re.Match[str]) -> str:
-        name, factor = of[match[2].lower()]
+        name, factor = of[match[2]]
         return f"{match[1] if factor == 1.0 else _times(match[1], factor)} {name}"
 
     return _QUANTITY.sub(converted, sentence)

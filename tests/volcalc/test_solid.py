@@ -311,7 +311,7 @@ def test_too_few_and_flat_points_are_an_error_in_one_line(points, words):
 @pytest.mark.one_python
 def test_nothing_advises_what_was_asked_for():
     on_ground = scan(BODIES["cube"](), 2000, seed=8, flaws=Flaws(ground=2.5))
-    open_beside = scanned("sphere", 2000)
+    open_beside = scanned("sphere", 3000)
     open_beside = open_beside[open_beside[:, 0] < OFFSET[0] + np.sqrt(0.24)]
     assert any("--floor none measures all" in line for line in volume_of(on_ground).warnings)
     assert any("--max-gap sets how wide" in line for line in volume_of(open_beside).warnings)
