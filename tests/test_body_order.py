@@ -78,22 +78,6 @@ def test_no_bit_depends_on_order_chunks_threads_or_the_header_s_box(
         assert said(path, method, threads) == whole[method]
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_a_header_s_box_that_is_too_small_loses_no_point(
-    folder: Path, whole: Dict[str, Tuple[Any, ...]], method: str
-) -> None:
-    """Half of the body lay outside: 90 m3 were told for 199.7."""
-    path = write_las(folder / "small.las", ground_and_strays())
-    _widen(path, (-0.5, 0.0, 0.0, 0.0, -0.4, 0.0))
-    found = said(path, method)
-    assert found[:3] == (
-        pytest.approx(whole[method][0], rel=1e-4),
-        pytest.approx(whole[method][1]) if method == "section" else None,
-        whole[method][2],
-    )
-    assert found[3] == whole[method][3]
-
-
 def _widen(path: Path, by: Tuple[float, ...]) -> None:
     data = bytearray(path.read_bytes())
     box = struct.unpack_from("<6d", data, BOX_AT)

@@ -89,20 +89,14 @@ def _thinned(
 ) -> Tuple[Thinned, Mapping[str, int], int, Bounds]:
     """Return centroids, the counts of points left out and of those far from all others, the box.
 
-    A header's box that points lie outside of is wrong: the cloud is read again, in that of its
-    points. One point a thousand kilometres away, and the finest cubes would be too large for all
-    the others: the cloud is then read again, without it.
+    One point a thousand kilometres away, and the finest cubes would be too large for all the
+    others: the cloud is then read again, without it.
     """
     low = np.array([bounds.min_x, bounds.min_y, bounds.min_z])
     high = np.array([bounds.max_x, bounds.max_y, bounds.max_z])
-    stated = True
     while True:
         accumulator = VoxelAccumulator(low, high)
         left_out = stream(source.cloud, frame, accumulator, None, thread_count(threads), report)
-        if stated and accumulator.placed < accumulator.seen:
-            low, high, stated = accumulator.low, accumulator.high, False
-            continue
-        stated = False
         thinned = accumulator.thinned()
         inner_low, inner_high = _core(thinned, accumulator.grain)
         if np.max(inner_high - inner_low) >= _LEAST_CORE * np.max(high - low):

@@ -74,8 +74,8 @@ def measure(
         if placement is not None:
             again = partial(run, source, options=chosen, report=report)
             measurement = with_scale(measurement, placement, chosen, again)
-        measurement = with_check_words(measurement)
     seconds = time.perf_counter() - clock
+    measurement = with_check_words(measurement)
     return replace(measurement, provenance=provenance(source, chosen, started, seconds))
 
 

@@ -89,13 +89,11 @@ class _Cubes:
 
 @dataclass(frozen=True)
 class Reduced:
-    """A chunk's share: cubes at some level, how many points were seen, and the box of these."""
+    """A chunk's share: cubes at some level, and how many points were seen."""
 
     cubes: _Cubes
     level: int
     seen: int
-    low: FloatArray
-    high: FloatArray
 
 
 class VoxelAccumulator:
@@ -121,7 +119,6 @@ class VoxelAccumulator:
         self._level = 0
         self._cubes = _Cubes.empty()
         self.seen = 0
-        self.low, self.high = np.full(3, np.inf), np.full(3, -np.inf)
 
     def reduce(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Reduced:
         """Return the share of some points, in metres of the measuring frame."""
@@ -132,19 +129,11 @@ class VoxelAccumulator:
         number = np.zeros(len(sums), dtype=np.int64)
         for axis in range(3):
             number |= (sums[:, axis] >> (_FINER_BITS + level)) << (axis * _KEY_BITS)
-        ends = [
-            (np.fmin.reduce(v, initial=np.inf), np.fmax.reduce(v, initial=-np.inf))
-            for v in (x, y, z)
-        ]
-        low, high = np.array(ends).T
-        cubes = _Cubes.of(number, np.ones_like(number), sums)
-        return Reduced(cubes, level, len(x), low, high)
+        return Reduced(_Cubes.of(number, np.ones_like(number), sums), level, len(x))
 
     def absorb(self, reduced: Reduced) -> None:
         """Add a chunk's share."""
         self.seen += reduced.seen
-        self.low = np.minimum(self.low, reduced.low)
-        self.high = np.maximum(self.high, reduced.high)
         self._cubes = self._cubes.joined(reduced.cubes.coarser(self._level - reduced.level))
         while len(self._cubes.number) > _MOST_STREAMING:
             self._cubes = self._cubes.coarser(1)

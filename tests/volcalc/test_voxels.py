@@ -126,13 +126,6 @@ def test_a_box_a_little_wider_or_narrower_changes_no_bit(most):
         assert same(cubes.thinned(most), whole)
 
 
-def test_the_box_of_all_points_seen_is_known():
-    points = np.vstack([cloud(50), OFFSET + 7.0, np.full(3, np.nan)])
-    cubes = accumulated([points[:20], points[20:]])
-    np.testing.assert_array_equal(cubes.low, points[:50].min(axis=0))
-    np.testing.assert_array_equal(cubes.high, OFFSET + 7.0)
-
-
 @pytest.mark.usefixtures("streaming")
 def test_shares_made_at_once_are_absorbed_in_any_order():
     # As threads do: some were made when the cubes were still finer.
