@@ -19,6 +19,7 @@ from ..report import (
     write_report,
 )
 from ..report.words import coordinate_rows, printable
+from ..report.plain import plain
 from ..types import AreaFailure, Measurement
 from .access import access_of
 from .shown import complain, stages
@@ -123,7 +124,7 @@ def info(given: argparse.Namespace) -> int:
             access=access_of(given),
         )
     if given.json:
-        print(json.dumps(found, indent=2, allow_nan=False))
+        print(json.dumps(plain(found), indent=2, allow_nan=False))
         return 0
     console = Console()
     for key, value in _rows(found):

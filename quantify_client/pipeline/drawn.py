@@ -24,6 +24,9 @@ _PLACES = 200
 #: Points within this many mean spacings of such a place tell how high it is.
 _NEAR = 4.0
 
+#: Heights are summed in steps of this, metres.
+_STEP_M = 1e-4
+
 Reduced = Tuple[IntArray, FloatArray]
 
 
@@ -108,7 +111,9 @@ class _Heights:
         near = nearest < len(self._count)
         size = len(self._count)
         counts: IntArray = np.bincount(nearest[near], minlength=size).astype(np.int64)
-        sums: FloatArray = np.bincount(nearest[near], z[near], minlength=size).astype(np.float64)
+        # Whole steps, which sum to the same in any order: below 2^53 for 1e9 points of 1 km.
+        steps = np.rint(z[near] / _STEP_M)
+        sums: FloatArray = np.bincount(nearest[near], steps, minlength=size).astype(np.float64)
         return len(x), (counts, sums)
 
     def absorb(self, reduced: Tuple[int, Optional[Reduced]]) -> None:
@@ -125,4 +130,4 @@ class _Heights:
             return np.zeros(len(self._count))
         places = np.asarray(self._tree.data)
         nearest = KDTree(places[known]).query(places)[1]
-        return np.asarray((self._sum[known] / self._count[known])[nearest])
+        return np.asarray((self._sum[known] / self._count[known] * _STEP_M)[nearest])

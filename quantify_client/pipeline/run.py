@@ -18,6 +18,7 @@ from ..streaming import Progress
 from ..types import Measurement, Options
 from .body import find_floor, measure_object
 from .common import cloud_warnings, coordinates_of, provenance
+from .checking import with_check_words
 from .placing import place_cloud
 from .scale_budget import with_scale
 from .terrain import measure_areas
@@ -74,6 +75,7 @@ def measure(
             again = partial(run, source, options=chosen, report=report)
             measurement = with_scale(measurement, placement, chosen, again)
     seconds = time.perf_counter() - clock
+    measurement = with_check_words(measurement)
     return replace(measurement, provenance=provenance(source, chosen, started, seconds))
 
 

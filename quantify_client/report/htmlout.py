@@ -8,9 +8,10 @@ from __future__ import annotations
 import string
 from importlib import resources
 from pathlib import Path
-from typing import Any, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
+from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple, Union
 
 from ..types import AreaFailure, AreaResult, Measurement
+from .kinds import in_units, kind_of, lines_of_kinds, said_of_results
 from .markup import facts, figure, note, table, text
 from .plain import plain
 from .result_markup import result_body
@@ -40,21 +41,37 @@ def render_html(
     yield _header(measurement, units)
     if measurement.scale is not None:
         yield scale_section(measurement.scale, units, scale_picture)
+    shared, own = _said(measurement, units)
     if len(measurement.results) > 1:
-        yield from _summary(measurement, units, overview)
+        yield from _summary(measurement, units, overview, shared)
     for index, result in enumerate(measurement.results):
         view = ""
         if isinstance(result, AreaResult) and result.solid is not None:
             from .view import view_markup  # late: it draws, and most pages have nothing to turn
 
             view = view_markup(result, units, north=bool(measurement.crs), views=views)
-        yield from _card(index, result, units, pictures.get(index), view)
+        said = own.get(result.name, [])
+        yield from _card(index, result, units, pictures.get(index), view, said)
     yield provenance_card(measurement.provenance, measurement.crs)
     if views:
         from .view import script
 
         yield f"<script>{script()}</script>\n"
     yield "</body>\n</html>\n"
+
+
+def _said(measurement: Measurement, units: Units) -> Tuple[List[str], Dict[str, List[str]]]:
+    """Return one line for each kind of warning of several areas, and the others of each area."""
+    said = said_of_results(measurement, units)
+    areas: Dict[str, Set[str]] = {}
+    for name, sentence in said:
+        areas.setdefault(kind_of(sentence), set()).add(name)
+    shared = [row for row in said if len(areas[kind_of(row[1])]) > 1]
+    own: Dict[str, List[str]] = {}
+    for name, sentence in said:
+        if len(areas[kind_of(sentence)]) == 1:
+            own.setdefault(name, []).append(sentence)
+    return lines_of_kinds(shared, named=True), own
 
 
 def page_top(title: str, views: int = 0) -> str:
@@ -95,23 +112,26 @@ def _header(measurement: Measurement, units: Units) -> str:
     if scale is not None:
         chips.append(("Scaled by", text(factor_words(scale))))
     told = [] if scale is None else list(scale.warnings)  # in the card of the scale
-    warnings = [warning for warning in measurement.warnings if warning not in told]
+    warnings = [in_units(w, units) for w in measurement.warnings if w not in told]
     return page_header("Volume report", measurement.source, chips, warnings)
 
 
-def _summary(measurement: Measurement, units: Units, overview: Optional[Path]) -> Iterator[str]:
-    """Yield the table of all areas, each a link to its own part."""
+def _summary(
+    measurement: Measurement, units: Units, overview: Optional[Path], shared: Sequence[str]
+) -> Iterator[str]:
+    """Yield the table of all areas, each a link to its own part, and what several share."""
     unit = text(units.volume)
     if any(isinstance(r, AreaResult) and r.solid is not None for r in measurement.results):
         rows = [_body_row(i, result, units) for i, result in enumerate(measurement.results)]
         head = ["Body", f"Volume, {unit}", f"\u00b1 95 %, {unit}", "Height", "Surface area"]
-        yield f'<section class="card"><h2>All bodies</h2>{table(head, rows)}</section>\n'
+        listed = table(head, rows) + note(shared)
+        yield f'<section class="card"><h2>All bodies</h2>{listed}</section>\n'
         return
     rows = [_summary_row(i, result, units) for i, result in enumerate(measurement.results)]
     head = ["Area", f"Net, {unit}", f"\u00b1 95 %, {unit}", f"Cut, {unit}", f"Fill, {unit}"]
     if all(isinstance(r, AreaFailure) or r.cut_m3 is None for r in measurement.results):
         head[1] = f"Volume, {unit}"
-    yield f'<section class="card"><h2>All areas</h2>{table(head, rows)}'
+    yield f'<section class="card"><h2>All areas</h2>{table(head, rows)}{note(shared)}'
     if overview is not None:
         yield from figure(overview, "Plan of all areas")
     yield "</section>\n"
@@ -140,15 +160,20 @@ def _body_row(index: int, result: Result, units: Units) -> List[str]:
 
 
 def _card(
-    index: int, result: Result, units: Units, picture: Optional[Union[Path, bytes]], view: str
+    index: int,
+    result: Result,
+    units: Units,
+    picture: Optional[Union[Path, bytes]],
+    view: str,
+    warnings: Sequence[str],
 ) -> Iterator[str]:
     failed = isinstance(result, AreaFailure)
     yield f'<article class="card{" failed" if failed else ""}" id="area-{index + 1}">'
     yield f"<h2>{text(result.name)}</h2>"
     if isinstance(result, AreaFailure):
-        yield f"<p>Not measured: {text(result.error)}</p>"
+        yield f"<p>Not measured: {text(in_units(result.error, units))}</p>"
     else:
-        top, rest = result_body(result, units)
+        top, rest = result_body(result, units, warnings)
         yield top
         if picture is not None:
             yield from figure(picture, f"{volume_word(result)} of {result.name}: views")

@@ -20,7 +20,8 @@ def plain(value: Any) -> Any:
     if value is None or isinstance(value, (bool, int)):
         return value
     if isinstance(value, float):
-        return value + 0.0 if math.isfinite(value) else None  # + 0.0: no "-0.0"
+        # + 0.0: no "-0.0". 15 digits, which every decimal survives: no 0.30000000000000004.
+        return float(f"{value:.15g}") + 0.0 if math.isfinite(value) else None
     if isinstance(value, str):
         return encodable(value)
     return _container(value)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import List, Optional, Tuple
+from typing import List, Optional, Sequence, Tuple
 
-from ..types import AreaResult
+from ..types import AreaResult, Check
 from .body_words import floor_words, gap_words
 from .jsonout import interval95
 from .markup import bar, details, facts, note, table, text
@@ -15,8 +15,8 @@ from .words import base_words, budget_words, coverage_words, is_terrain, volume_
 __all__ = ["result_body"]
 
 
-def result_body(result: AreaResult, units: Units) -> Tuple[str, str]:
-    """Return what goes above the picture and what goes below it."""
+def result_body(result: AreaResult, units: Units, warnings: Sequence[str] = ()) -> Tuple[str, str]:
+    """Return what goes above the picture, the warnings among it, and what goes below it."""
     below = [
         '<div class="columns">',
         _section("Numbers and inputs", facts(_facts(result, units))),
@@ -27,7 +27,7 @@ def result_body(result: AreaResult, units: Units) -> Tuple[str, str]:
         below.append(details("Base surfaces compared", _bases(result, units), opened=True))
     if result.slices:
         below.append(details(f"Slices ({len(result.slices)})", _slices(result, units)))
-    above = [_headline(result, units), note(list(result.warnings))]
+    above = [_headline(result, units), note(list(warnings))]
     if result.solid is not None:
         words = f"{floor_words(result.solid, units)} {gap_words(result.solid, units)}"
         above.append(f'<p class="stands">{text(words)}</p>')
@@ -124,7 +124,7 @@ def _facts(result: AreaResult, units: Units) -> List[Tuple[str, str]]:
         ("Points left out", ", ".join(left_out) or "none"),
         ("Slice height", _slice_height(result, units)),
     ]
-    rows += [(f"Check: {c.method}", _check(result, c.volume_m3, units)) for c in result.checks]
+    rows += [(f"Check: {c.method}", _check(result, c, units)) for c in result.checks]
     return [row for row in rows if row[1] != NOTHING]
 
 
@@ -134,10 +134,13 @@ def _slice_height(result: AreaResult, units: Units) -> str:
     return "uneven" if result.slices else NOTHING
 
 
-def _check(result: AreaResult, volume_m3: float, units: Units) -> str:
-    difference = units.volume_number(volume_m3 - result.volume_m3, result.std_m3)
-    shown = text(units.volume_text(volume_m3, result.std_m3))
-    return f'{shown} <span class="muted">(differs by {difference})</span>'
+def _check(result: AreaResult, check: Check, units: Units) -> str:
+    difference = units.volume_number(check.volume_m3 - result.volume_m3, result.std_m3)
+    shown = text(units.volume_text(check.volume_m3, result.std_m3))
+    chance = ""
+    if check.margin_m3 > 0.0:
+        chance = f"; by chance up to {units.volume_number(check.margin_m3, result.std_m3)}"
+    return f'{shown} <span class="muted">(differs by {difference}{chance})</span>'
 
 
 def _budget(result: AreaResult, units: Units) -> str:

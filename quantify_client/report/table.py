@@ -11,6 +11,7 @@ from rich.text import Text
 
 from ..types import AreaFailure, AreaResult, Measurement
 from .body_words import floor_words, gap_words, left_out_words
+from .kinds import in_units, lines_of_kinds, said_of_results
 from .units import MINUS, NOTHING, THIN_SPACE, Units, count, display_units
 from .words import (
     base_words,
@@ -58,11 +59,16 @@ def print_table(measurement: Measurement, console: Console, *, units: str = "met
     _print_rows(console, rows)
     for result in measured:
         _print_remarks(console, result, shown, named=len(measurement.results) > 1)
+    for line in lines_of_kinds(
+        said_of_results(measurement, shown), named=len(measurement.results) > 1
+    ):
+        say(console, f"Warning: {line}", "yellow")
     for failed in measurement.results:
         if isinstance(failed, AreaFailure):
-            say(console, f"{failed.name}: not measured: {failed.error}", "bold red")
+            words = in_units(failed.error, shown)
+            say(console, f"{failed.name}: not measured: {words}", "bold red")
     for warning in measurement.warnings:
-        say(console, f"Warning: {warning}", "yellow")
+        say(console, f"Warning: {in_units(warning, shown)}", "yellow")
 
 
 def _how(measurement: Measurement) -> str:
@@ -159,8 +165,6 @@ def _print_remarks(console: Console, result: AreaResult, units: Units, named: bo
     if result.bases:
         say(console, f"{name}base surfaces compared", "bold")
         _print_rows(console, [_base_row(row, units) for row in result.bases])
-    for warning in result.warnings:
-        say(console, f"{name}warning: {warning}", "yellow")
 
 
 def _base_row(row: AreaResult, units: Units) -> Row:

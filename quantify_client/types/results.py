@@ -56,10 +56,14 @@ class BudgetItem:
 
 @dataclass(frozen=True)
 class Check:
-    """The same volume by an independent route."""
+    """The same volume by an independent route.
+
+    ``margin_m3`` is how far it may be from the volume without anything being wrong.
+    """
 
     method: str
     volume_m3: float
+    margin_m3: float = 0.0
 
 
 @dataclass(frozen=True)

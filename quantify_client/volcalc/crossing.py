@@ -24,13 +24,17 @@ _LONGEST_TOGETHER = 0.3
 _ROUNDS = 8
 
 
-def bridge_crossings(rim: Rim) -> tuple[Rim, list[str]]:
+def bridge_crossings(rim: Rim, ground_factor: float = 1.0) -> tuple[Rim, list[str]]:
     """Return the rim with its crossings bridged, and what was done in words.
 
     An outline drawn across a gully, a ditch or a dam dips or rises sharply there, and a base
     through those heights would take away part of what is measured. Where a short stretch departs
     from the plane of the rest far beyond its scatter, its heights are interpolated linearly
     between its ends. Ground that undulates has no such stretch: its scatter is as wide as it.
+
+    Parameters
+    ----------
+    ground_factor : grid length / ground length, for the words.
     """
     off, scale = _off_plane(rim)
     keep = np.ones(len(off), dtype=bool)
@@ -47,8 +51,8 @@ def bridge_crossings(rim: Rim) -> tuple[Rim, list[str]]:
             keep[stretch] = False
             what = "a channel" if deepest < 0 else "a ridge"
             said.append(
-                f"the outline crosses {what} of {abs(deepest):.2g} m over {length:.2g} m; the base "
-                "goes straight across (--base plane follows the outline as it is)"
+                f"the outline crosses {what} of {abs(deepest):.2g} m over "
+                f"{length / ground_factor:.2g} m; the base goes straight across"
             )
     if keep.all() or rim.length[~keep].sum() > _LONGEST_TOGETHER * rim.length.sum():
         return rim, []

@@ -20,7 +20,7 @@ from scipy import ndimage, optimize
 from ..types import FloatArray, IntArray
 from .robust import quantile
 
-__all__ = ["Noise", "functional_std", "measure_noise"]
+__all__ = ["Noise", "functional_std", "measure_noise", "sampled_std"]
 
 #: Autocorrelation of the first difference (1, -1) and of the second (1, -2, 1): at lag 0, then at
 #: lags -n and n together. Squared at lag 0 it is the variance of a mixed difference of
@@ -80,12 +80,14 @@ class Noise:
     correlated : standard deviation, metres.
     length : correlation length, in cells.
     cell : (ny, nx) float64, independent standard deviation of each cell, metres.
+    point : independent standard deviation of a single point where it lies, metres.
     """
 
     independent: float
     correlated: float
     length: float
     cell: FloatArray
+    point: float = 0.0
 
 
 def measure_noise(
@@ -106,8 +108,8 @@ def measure_noise(
     independent, correlated, length = 0.0, 0.0, 1.0
     if len(observed):
         independent, correlated, length = _fit(observed, np.sqrt(voices), order)
-    each = _cell_sigma(independent, z, count, filled)
-    return Noise(independent, correlated, length, each)
+    each, point = _cell_sigma(independent, z, count, filled)
+    return Noise(independent, correlated, length, each, point)
 
 
 def _ground_around(z: FloatArray, fraction: FloatArray) -> tuple[FloatArray, int]:
@@ -156,20 +158,20 @@ def _cell_sigma(
     z: FloatArray,
     count: IntArray,
     filled: FloatArray,
-) -> FloatArray:
-    """Return each cell's independent standard deviation.
+) -> tuple[FloatArray, float]:
+    """Return each cell's independent standard deviation, and that of a point.
 
     The n points of a sloping cell lie about its middle by chance: their mean height is off by
     slope * cell / sqrt(12 n). What the differences saw is the sum of both over typical ground.
     """
     known = np.isfinite(z)
     if not known.any():
-        return np.zeros(z.shape)
+        return np.zeros(z.shape), 0.0
     down, right = np.gradient(np.where(np.isfinite(filled), filled, z[known].mean()))
     by_place = (down**2 + right**2) / 12.0
     typical = quantile(count[known], 0.5)
     by_noise = max(independent**2 * typical - quantile(by_place[known], 0.5), 0.0)
-    return np.asarray(np.sqrt((by_noise + by_place) / np.maximum(count, 1)))
+    return np.sqrt((by_noise + by_place) / np.maximum(count, 1)), float(np.sqrt(by_noise))
 
 
 def _running_sums(z: FloatArray) -> FloatArray:
@@ -291,6 +293,27 @@ def functional_std(weights: FloatArray, noise: Noise) -> FloatArray:
     if noise.correlated > 0:
         variance += noise.correlated**2 * _correlated_sums(weights, noise.length)
     return np.asarray(np.sqrt(variance))
+
+
+def sampled_std(points: FloatArray, cells: FloatArray, count: IntArray, noise: Noise) -> float:
+    """Return the standard deviation of sum(points * p) + sum(cells * z) under the noise.
+
+    p is a single point of each cell, z the mean height of its n points, that one among them: the
+    covariance of the two is the point's variance / n. What a cell's mean owes to where its points
+    lie on a slope a point where it lies does not have. Correlated errors are those of the place.
+
+    Parameters
+    ----------
+    points, cells : (ny, nx) float64, m2.
+    count : (ny, nx) points of each cell.
+    """
+    held = np.maximum(count, 1)
+    white = noise.point**2 * (points**2 + 2.0 * points * cells / held) + (cells * noise.cell) ** 2
+    variance = float(white.sum())
+    if noise.correlated > 0:
+        together = (points + cells)[None]
+        variance += noise.correlated**2 * float(_correlated_sums(together, noise.length)[0])
+    return float(np.sqrt(max(variance, 0.0)))
 
 
 def _correlated_sums(weights: FloatArray, length: float) -> FloatArray:

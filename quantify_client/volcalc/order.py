@@ -69,7 +69,7 @@ def polar_order(x: FloatArray, y: FloatArray, slab: IntArray, slabs: int) -> Int
     -------
     (N,) int64
         Indices in sorted order. The angle is ``atan2(y, x)`` in (-pi, pi], equal angles go by
-        increasing radius, and equal points by their position in the input.
+        increasing radius, equal radii by x and y: only equal points by their position in the input.
 
     Notes
     -----
@@ -108,7 +108,7 @@ def _settle_ties(
     if len(places):
         tied = order[places]
         radius = np.hypot(x[tied], y[tied])
-        order[places] = tied[np.lexsort((radius, theta[tied], key[places]))]
+        order[places] = tied[np.lexsort((y[tied], x[tied], radius, theta[tied], key[places]))]
     return order
 
 

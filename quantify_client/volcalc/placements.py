@@ -9,17 +9,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import List, Sequence, Union
+from typing import Sequence, Tuple, Union
 
 import numpy as np
 from shapely import affinity
 from shapely.geometry import MultiPolygon, Polygon
 
 from ..errors import SupportError
-from ..types import AreaResult, BudgetItem, FloatArray
+from ..types import AreaResult, BudgetItem, Check, FloatArray
 from .grid import Grid
 from .surface import Voxels
-from .terrain import Recipe, measure_terrain
+from .terrain import Measured, Recipe, measure_terrain
+from .terrain_words import words
 
 __all__ = ["measure_area"]
 
@@ -44,13 +45,14 @@ def measure_area(
 ) -> AreaResult:
     """Return the result of one area: see :func:`measure_terrain`.
 
-    Volumes are the means over the placements, with a budget that fits them; everything else is
-    that of the first.
+    Volumes are the means over the placements, with a budget that fits them, and so is the check;
+    everything else is that of the first. The words are made of these numbers.
     """
     first = measure_terrain(name, polygon, voxels, grid, points, recipe)
-    if first.cell_m is None or polygon.area > _FEW_CELLS * first.cell_m**2:
-        return first
-    factor = round(first.cell_m / grid.cell)
+    cell = first[0].result.cell_m
+    if cell is None or polygon.area > _FEW_CELLS * cell**2:
+        return _told([first])
+    factor = round(cell / grid.cell)
     steps = {(round(x * factor), round(y * factor)) for x, y in _PLACES}
     others = []
     for east, north in sorted(steps - {(0, 0)}):
@@ -64,7 +66,18 @@ def measure_area(
             )
         except SupportError:
             continue  # at the very limit of what is measured at all
-    return _mean([first, *others])
+    return _told([first, *others])
+
+
+def _told(placements: Sequence[Sequence[Measured]]) -> AreaResult:
+    """Return the mean over the placements on each base, the first with all in its comparison."""
+    compared = len(placements[0]) > 1
+    rows = []
+    for of_base in zip(*placements):
+        mean = _mean([measured.result for measured in of_base])
+        rows.append(replace(mean, warnings=words(mean, of_base[0].doubts, compared=compared)))
+    bases = tuple(replace(row, relief=None) for row in rows) if compared else ()
+    return replace(rows[0], bases=bases)
 
 
 def _mean(results: Sequence[AreaResult]) -> AreaResult:
@@ -73,10 +86,6 @@ def _mean(results: Sequence[AreaResult]) -> AreaResult:
         return first
     cut = float(np.mean([r.cut_m3 or 0.0 for r in results]))
     fill = float(np.mean([r.fill_m3 or 0.0 for r in results]))
-    rows: List[AreaResult] = []
-    for row in first.bases:
-        same = [other for r in results for other in r.bases if other.base == row.base]
-        rows.append(_mean(same))
     budget = tuple(_settled(entry) for entry in first.budget)
     return replace(
         first,
@@ -91,7 +100,19 @@ def _mean(results: Sequence[AreaResult]) -> AreaResult:
             replace(piece, volume_m3=_share(piece.volume_m3, first, cut, fill))
             for piece in first.slices
         ),
-        bases=tuple(rows),
+        checks=_mean_checks([r.checks for r in results if r.checks]),
+    )
+
+
+def _mean_checks(checks: Sequence[Sequence[Check]]) -> Tuple[Check, ...]:
+    """Return the mean of each check over the placements that have it."""
+    return tuple(
+        Check(
+            same[0].method,
+            float(np.mean([check.volume_m3 for check in same])),
+            float(np.mean([check.margin_m3 for check in same])),
+        )
+        for same in zip(*checks)
     )
 
 

@@ -35,6 +35,10 @@ _BULGE = 0.05
 #: A skin that is a larger share of the body is rough with noise.
 _ROUGH = 0.01
 
+#: What the check by cells may be off by, as shares of the volume and of half the skin.
+_CHECK_OFF = 0.01
+_CHECK_OF_SKIN = 0.25
+
 #: Points of each kind that go to the report.
 _SHOWN = 20_000
 
@@ -115,7 +119,16 @@ def measure_solid(name: str, cloud: Thinned, recipe: SolidRecipe) -> AreaResult:
         slice_height_m=float(edges[1] - edges[0]),
         slices=tuple(replace(part, z_m=part.z_m + zero) for part in slices),
         checks=checks,
-        warnings=words(cloud, standing, body, hidden, std, checks, volume, here.place(standing)),
+        warnings=words(
+            cloud,
+            standing,
+            body,
+            hidden,
+            volume,
+            here.place(standing),
+            floor_asked=recipe.floor != "auto",
+            gap_asked=recipe.max_gap is not None,
+        ),
         solid=_drawn(here, standing, body, edges, _convergence(body, hidden, scale)),
     )
 
@@ -233,7 +246,9 @@ def _checks(standing: Standing, body: Enclosed, hidden: float) -> tuple[Check, .
     if enclosed is None:
         return ()
     volume = enclosed + hidden + body.water
-    return (Check("flooded cells", volume),)
+    # Half a cell's rounding of the whole, and what noise does to the skin.
+    margin = _CHECK_OFF * volume + _CHECK_OF_SKIN * 0.5 * (body.outer + body.inner)
+    return (Check("flooded cells", volume, margin),)
 
 
 def _edges(standing: Standing, body: Enclosed, recipe: SolidRecipe) -> FloatArray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Callable, Iterator, Sequence
 
-from ..types import Check, Gap
+from ..types import Gap
 from .enclose import Enclosed
 from .standing import Standing
 from .voxels import Thinned
@@ -14,10 +14,11 @@ __all__ = ["open_surface", "words"]
 #: Shares of the volume, or of the points, that are worth a word.
 _HIDDEN = 0.02
 _STRAYS = 0.03
-_CHECK_OFF = 0.01
-_CHECK_OF_SKIN = 0.25
 _THIN = 0.03
 _LOST = 0.25
+
+_GAP_ADVICE = "; --max-gap sets how wide an opening may be closed"
+_FLOOR_ADVICE = "; --floor none measures all points"
 
 _Place = Callable[[Gap], str]
 
@@ -27,20 +28,26 @@ def words(
     standing: Standing,
     body: Enclosed,
     hidden: float,
-    std: float,
-    checks: Sequence[Check],
     volume: float,
     place: _Place,
+    *,
+    floor_asked: bool,
+    gap_asked: bool,
 ) -> tuple[str, ...]:
-    """Return what to warn of, the gravest first."""
+    """Return what to warn of, the gravest first.
+
+    Parameters
+    ----------
+    floor_asked, gap_asked : the user said what the floor is, and how wide a gap may be closed:
+        nothing advises that then.
+    """
     return (
         *_leaks(body, place),
-        *_gaps(body, place),
-        *_floor(standing, hidden, volume),
+        *_gaps(body, place, "" if gap_asked else _GAP_ADVICE),
+        *_floor(standing, hidden, volume, "" if floor_asked else _FLOOR_ADVICE),
         *_walls(body),
         *_hollows(body, volume),
         *_points(cloud, standing),
-        *_check(body, checks, volume, std),
     )
 
 
@@ -68,17 +75,14 @@ def _leaks(body: Enclosed, place: _Place) -> Iterator[str]:
         )
 
 
-def _gaps(body: Enclosed, place: _Place) -> Iterator[str]:
+def _gaps(body: Enclosed, place: _Place, advice: str) -> Iterator[str]:
     if body.gaps:
         widest, number = body.gaps[0], len(body.gaps)
         count = "1 opening in the surface was" if number == 1 else f"{number} openings were"
-        yield (
-            f"{count} closed, the widest {widest.width:.3g} m wide at {place(widest)}; "
-            "--max-gap sets how wide an opening may be closed"
-        )
+        yield (f"{count} closed, the widest {widest.width:.3g} m wide at {place(widest)}{advice}")
 
 
-def _floor(standing: Standing, hidden: float, volume: float) -> Iterator[str]:
+def _floor(standing: Standing, hidden: float, volume: float, advice: str) -> Iterator[str]:
     floor = standing.floor
     if floor is None:
         return
@@ -91,7 +95,7 @@ def _floor(standing: Standing, hidden: float, volume: float) -> Iterator[str]:
         yield (
             f"{floor.points:,} points lie on a floor at {floor.elevation:.3f} m, tilted by "
             f"{floor.tilt_degrees:.1f} degrees: they were left out and the body stands upright on "
-            "it; --floor none measures all points"
+            f"it{advice}"
         )
     if hidden > _HIDDEN * volume:
         yield (
@@ -118,7 +122,7 @@ def _walls(body: Enclosed) -> Iterator[str]:
 
 
 def _hollows(body: Enclosed, volume: float) -> Iterator[str]:
-    if body.water > 0.002 * volume:
+    if body.water > 0.002 * volume and not body.hollow:
         yield (
             f"a hollow that would hold {body.water:.4g} m3 of water counts as solid; --hollow "
             "leaves it out"
@@ -139,14 +143,3 @@ def _points(cloud: Thinned, standing: Standing) -> Iterator[str]:
     if standing.stray_count > _STRAYS * total:
         share = 100.0 * standing.stray_count / total
         yield f"{share:.0f} % of the points are strays far from the surface and were left out"
-
-
-def _check(body: Enclosed, checks: Sequence[Check], volume: float, std: float) -> Iterator[str]:
-    # The check itself is off by what noise does to its skin.
-    own = _CHECK_OFF * volume + _CHECK_OF_SKIN * 0.5 * (body.outer + body.inner)
-    for check in checks:
-        if abs(check.volume_m3 - volume) > 1.96 * std + own:
-            yield (
-                f"the check by {check.method} gives {check.volume_m3:.4g} m3, which is outside the "
-                "interval: look at the sections"
-            )

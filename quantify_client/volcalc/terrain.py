@@ -21,6 +21,7 @@ from ..types import (
 )
 from .base import BASES, Base, make_base
 from .cells import cell_fractions, polygons_of
+from .check import tin_check
 from .crossing import bridge_crossings
 from .grid import Grid
 from .heights import CellHeights, cell_heights, fill_gaps, support
@@ -28,10 +29,10 @@ from .integrate import above_mask, integrate_slices, slab_edges
 from .noise import Noise, measure_noise
 from .rim import Rim, require_plain_outline, sample_rim
 from .surface import Voxels
-from .tin import tin_integral
-from .uncertainty import BASE_MISFIT, Surface, error_budget, rim_relief
+from .terrain_words import Doubts
+from .uncertainty import Surface, error_budget, rim_relief
 
-__all__ = ["Recipe", "measure_terrain"]
+__all__ = ["Measured", "Recipe", "measure_terrain"]
 
 #: Below this share of supported cells the area is refused.
 LEAST_SUPPORT = 0.5
@@ -40,18 +41,9 @@ LEAST_SUPPORT = 0.5
 _FEW_CELLS = 100
 _CROWDED = 64
 
-#: Above this share nothing is said about gaps.
-_FULL_SUPPORT = 0.95
-
 #: Heights go on beyond the points' outer edge for this share of the area's size, in whole cells.
 _REACH = 0.05
 _LEAST_REACH_CELLS = 5
-
-#: A rim whose relief could be worth more than this share of the volume is worth a word.
-_RELIEF_SHARE = 0.02
-
-#: Share of cut and fill below which a check differs by rounding only.
-_ROUNDING = 1e-6
 
 _BOOLS = npt.NDArray[np.bool_]
 
@@ -71,6 +63,14 @@ class Recipe:
     slices: Union[str, int] = "auto"
     slice_height: Optional[float] = None
     ground_factor: float = 1.0
+
+
+@dataclass(frozen=True)
+class Measured:
+    """The result of one area on one base, without words, and what there is to say of it."""
+
+    result: AreaResult
+    doubts: Doubts
 
 
 @dataclass(frozen=True)
@@ -96,8 +96,8 @@ def measure_terrain(
     grid: Grid,
     points: FloatArray,
     recipe: Recipe,
-) -> AreaResult:
-    """Return the result of one area.
+) -> tuple[Measured, ...]:
+    """Return the result of one area, one for each base where they are compared.
 
     Parameters
     ----------
@@ -111,10 +111,8 @@ def measure_terrain(
         When points support less than half of the area.
     """
     ground = _survey(name, polygon, voxels, grid, points)
-    if recipe.base != "compare":
-        return _measure(ground, recipe.base, recipe)
-    rows = [_measure(ground, base, recipe) for base in BASES]
-    return replace(rows[0], bases=tuple(replace(row, relief=None) for row in rows))
+    bases = BASES if recipe.base == "compare" else [recipe.base]
+    return tuple(_measure(ground, base, recipe) for base in bases)
 
 
 def _survey(
@@ -165,9 +163,9 @@ def _require_fine(heights: CellHeights, fraction: FloatArray) -> None:
         )
 
 
-def _measure(ground: _Ground, base_name: Union[str, float], recipe: Recipe) -> AreaResult:
+def _measure(ground: _Ground, base_name: Union[str, float], recipe: Recipe) -> Measured:
     """Return the result of one area on one base."""
-    warnings: list[str] = []
+    said: list[str] = []
     rim = ground.rim
     if rim is None and isinstance(base_name, str):
         raise SupportError(
@@ -176,8 +174,7 @@ def _measure(ground: _Ground, base_name: Union[str, float], recipe: Recipe) -> A
         )
     window, inside = ground.heights.window, ground.fraction > 0
     if base_name == "triangulate" and rim is not None:
-        rim, said = bridge_crossings(rim)
-        warnings += said
+        rim, said = bridge_crossings(rim, recipe.ground_factor)
     base = make_base(base_name, rim, ground.parts, window, inside)
     r = np.where(inside, ground.filled - base.z, np.nan)
     a = ground.fraction * (window.cell / recipe.ground_factor) ** 2
@@ -200,16 +197,43 @@ def _measure(ground: _Ground, base_name: Union[str, float], recipe: Recipe) -> A
     )
     cut = float((a * np.nan_to_num(r))[known & above].sum())
     fill = -float((a * np.nan_to_num(r))[known & ~above].sum())
-    check = _check(ground, rim, base, a, recipe.ground_factor)
     result = _result(ground, base, surface, budget, cut, fill, recipe)
-    warnings += _warnings(ground, base, rim, result, check)
+    checks: tuple[Check, ...] = ()
+    if ground.rim is not None:
+        below = float((a * np.nan_to_num(base.z)).sum())
+        checks = tin_check(
+            ground.points,
+            ground.polygon,
+            ground.rim,
+            ground.heights,
+            surface,
+            ground.noise,
+            budget,
+            below,
+            recipe.ground_factor,
+        )
     even = np.allclose(np.diff(edges), edges[1] - edges[0], rtol=1e-6)
-    return replace(
+    result = replace(
         result,
         slices=tuple(slices),
         slice_height_m=float(edges[1] - edges[0]) if even else None,
-        checks=tuple(check),
-        warnings=tuple(warnings),
+        checks=checks,
+    )
+    return Measured(result, _doubts(ground, base, rim, surface.cell, said))
+
+
+def _doubts(
+    ground: _Ground, base: Base, rim: Rim | None, cell: float, said: Sequence[str]
+) -> Doubts:
+    """Return what there is to say of an area on a base."""
+    lost = ground.fraction[(ground.fraction > 0) & ~np.isfinite(ground.filled)].sum()
+    through_rim = rim is not None and isinstance(base.name, str)
+    plain = rim is not None and base.name in ("triangulate", "plane")
+    return Doubts(
+        crossings=tuple(said),
+        lost_m2=float(lost) * cell**2,
+        bare=1.0 - rim.supported if rim is not None and through_rim else 0.0,
+        relief_m=rim_relief(rim, ground.noise, smooth=False) if rim is not None and plain else 0.0,
     )
 
 
@@ -222,7 +246,7 @@ def _result(
     fill: float,
     recipe: Recipe,
 ) -> AreaResult:
-    """Return the result without its slices, checks and warnings."""
+    """Return the result without its slices and checks."""
     r, window = surface.r, ground.heights.window
     inside = ground.fraction > 0
     elevation = surface.filled[inside & np.isfinite(surface.filled)]
@@ -278,63 +302,3 @@ def _surface_area(surface: Surface, inside: _BOOLS) -> float:
     down, right = np.gradient(smooth, surface.cell)
     slope = np.where(known & inside, np.sqrt(1.0 + down**2 + right**2), 1.0)
     return float((surface.a * slope).sum())
-
-
-def _check(
-    ground: _Ground, rim: Rim | None, base: Base, a: FloatArray, factor: float
-) -> list[Check]:
-    """Return the net volume from prisms over a triangulation of real points."""
-    if ground.rim is None:
-        return []
-    integral = tin_integral(ground.points, ground.polygon, ground.rim, ground.heights)
-    if integral is None:
-        return []
-    below = float((a * np.nan_to_num(base.z)).sum())
-    return [Check("prisms over a Delaunay TIN of real points", integral / factor**2 - below)]
-
-
-def _warnings(
-    ground: _Ground, base: Base, rim: Rim | None, result: AreaResult, checks: Sequence[Check]
-) -> list[str]:
-    """Return what the user should know about this result, in words."""
-    said = []
-    if ground.coverage < _FULL_SUPPORT:
-        said.append(
-            f"points support {ground.coverage:.0%} of the area; the gaps were interpolated "
-            "(see 'coverage' in the error budget)"
-        )
-    lost = float(ground.fraction[(ground.fraction > 0) & ~np.isfinite(ground.filled)].sum())
-    if lost > 0:
-        said.append(
-            f"{lost * ground.heights.window.cell**2:.4g} m2 of the area lie beyond the edge of the "
-            "cloud and were not measured; draw the area inside the cloud"
-        )
-    if rim is not None and rim.supported < _FULL_SUPPORT and isinstance(base.name, str):
-        said.append(
-            f"{1 - rim.supported:.0%} of the outline have no points near; the base is interpolated "
-            "along the outline there"
-        )
-    said += _relief_warning(ground, base, rim, result)
-    for check in checks:
-        off, half = abs(check.volume_m3 - result.volume_m3), 1.96 * (result.std_m3 or 0.0)
-        if off > half + _ROUNDING * ((result.cut_m3 or 0.0) + (result.fill_m3 or 0.0)):
-            said.append(
-                f"{check.method} give {check.volume_m3:.6g} m3, {off:.2g} m3 from the result and "
-                f"more than its 95 % interval of +-{half:.2g} m3; look at the pictures for "
-                "vegetation, walls or gaps"
-            )
-    return said
-
-
-def _relief_warning(ground: _Ground, base: Base, rim: Rim | None, result: AreaResult) -> list[str]:
-    if rim is None or base.name not in ("triangulate", "plane"):
-        return []
-    relief = rim_relief(rim, ground.noise, smooth=False)
-    total = (result.cut_m3 or 0.0) + (result.fill_m3 or 0.0)
-    if BASE_MISFIT * relief * (result.area_m2 or 0.0) < _RELIEF_SHARE * total or relief == 0:
-        return []
-    return [
-        f"the ground along the outline is uneven ({relief:.2g} m RMS about a plane), and no "
-        "outline tells what it does under the area; see 'base' in the error budget, and try "
-        "--base compare"
-    ]

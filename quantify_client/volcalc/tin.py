@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Sequence
 
 import numpy as np
@@ -16,7 +17,7 @@ from .grid import CellWindow, Grid, coarser_factors
 from .heights import CellHeights
 from .rim import Rim
 
-__all__ = ["PointSample", "best_of", "tin_integral"]
+__all__ = ["PointSample", "TinIntegral", "best_of", "tin_integral"]
 
 #: Real points kept over all areas together; an area never has more.
 MAX_POINTS = 60_000
@@ -109,13 +110,31 @@ def best_of(rows: FloatArray) -> FloatArray:
     return rows
 
 
+@dataclass(frozen=True)
+class TinIntegral:
+    """The integral of a TIN's height over an area, as a sum over its nodes.
+
+    Attributes
+    ----------
+    volume : m3 above height 0.
+    of_points : (ny, nx) float64, m2 that the node in each cell stands for, 0 without one.
+    of_rim : (M,) float64, m2 that each rim point stands for.
+    """
+
+    volume: float
+    of_points: FloatArray
+    of_rim: FloatArray
+
+
 def tin_integral(
     points: FloatArray,
     geometry: Polygon | MultiPolygon,
     rim: Rim,
     heights: CellHeights,
-) -> float | None:
-    """Return the integral of a TIN's height over the area, in m3 above height 0.
+    *,
+    half: bool = False,
+) -> TinIntegral | None:
+    """Return the integral of a TIN's height over the area; None without nodes.
 
     The nodes are real points (one per check cell and no more than one per cell of the surface,
     strays left out) and the rim, whose segments are edges of the triangulation. Triangles across
@@ -127,24 +146,33 @@ def tin_integral(
     geometry : the area.
     rim : of its outer rings.
     heights : the surface; it tells which points are strays.
+    half : only nodes in every other cell, as the black squares of a chessboard.
     """
-    nodes = _nodes(points, geometry, heights)
+    nodes, cell = _nodes(points, geometry, heights)
+    if half:
+        kept = (cell // heights.window.nx + cell % heights.window.nx) % 2 == 0
+        nodes, cell = nodes[kept], cell[kept]
     if len(nodes) < 3:
         return None
     parts = geometry.geoms if isinstance(geometry, MultiPolygon) else [geometry]
-    total = 0.0
+    total, of_rim = 0.0, np.zeros(len(rim.z))
+    of_points = np.zeros(heights.window.nx * heights.window.ny)
     for number, part in enumerate(parts):
         ring = rim.part == number
         shapely.prepare(part)
         inside = shapely.contains_xy(part, nodes[:, 0], nodes[:, 1])
-        total += _integrate(part, nodes[inside], np.column_stack([rim.x, rim.y, rim.z])[ring])
-    return total
+        outline = np.column_stack([rim.x, rim.y, rim.z])[ring]
+        volume, share = _integrate(part, nodes[inside], outline)
+        total += volume
+        of_rim[ring] = share[: len(outline)]
+        of_points[cell[inside]] += share[len(outline) :]
+    return TinIntegral(total, of_points.reshape(heights.window.shape), of_rim)
 
 
 def _nodes(
     points: FloatArray, geometry: Polygon | MultiPolygon, heights: CellHeights
-) -> FloatArray:
-    """Return the points of the area that are on the surface, one per cell."""
+) -> tuple[FloatArray, IntArray]:
+    """Return the points of the area that are on the surface, one per cell, and their cells."""
     window = heights.window
     left, bottom, right, top = geometry.bounds
     near = np.flatnonzero((points[:, 1] >= bottom) & (points[:, 1] <= top))
@@ -162,41 +190,43 @@ def _nodes(
     chosen: IntArray = np.full(window.nx * window.ny, -1, dtype=np.int64)
     # Backwards, so that the first point of a cell is written last.
     chosen[flat[::-1]] = np.arange(len(flat))[::-1]
-    return np.asarray(points[np.sort(chosen[chosen >= 0])])
+    order = np.sort(chosen[chosen >= 0])
+    return np.asarray(points[order]), flat[order]
 
 
-def _integrate(part: Polygon, nodes: FloatArray, rim: FloatArray) -> float:
-    """Return the TIN's integral over one polygon with holes."""
+def _integrate(part: Polygon, nodes: FloatArray, rim: FloatArray) -> tuple[float, FloatArray]:
+    """Return the TIN's integral over one polygon with holes, and each node's share of the area."""
     xyz = np.concatenate([rim, nodes])
     origin = np.array([part.bounds[0], part.bounds[1], float(rim[:, 2].mean())])
     xyz = xyz - origin
-    corner = xyz[Delaunay(xyz[:, :2]).simplices]
-    middle = corner.mean(axis=1)
+    triangles = Delaunay(xyz[:, :2]).simplices
+    middle = xyz[triangles].mean(axis=1)
     outer = shapely.affinity.translate(Polygon(part.exterior), -origin[0], -origin[1])
     shapely.prepare(outer)
-    kept = shapely.contains_xy(outer, middle[:, 0], middle[:, 1])
-    corner, middle = corner[kept], middle[kept]
+    triangles = triangles[shapely.contains_xy(outer, middle[:, 0], middle[:, 1])]
+    corner = xyz[triangles]
     side_a, side_b = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
     area = 0.5 * np.abs(side_a[:, 0] * side_b[:, 1] - side_a[:, 1] * side_b[:, 0])
-    volume = float((area * middle[:, 2]).sum())
+    share = np.repeat(area[:, None] / 3.0, 3, axis=1)
     for hole in part.interiors:
-        volume -= _over_hole(shapely.affinity.translate(Polygon(hole), *-origin[:2]), corner)
-    return volume + float(origin[2] * part.area)
+        which, missing = _over_hole(shapely.affinity.translate(Polygon(hole), *-origin[:2]), corner)
+        np.subtract.at(share, which, missing)
+    of_node = np.bincount(triangles.ravel(), share.ravel(), len(xyz)).astype(np.float64)
+    return float((of_node * xyz[:, 2]).sum() + origin[2] * part.area), of_node
 
 
-def _over_hole(hole: Polygon, corner: FloatArray) -> float:
-    """Return the integral of the triangles' planes over the hole."""
+def _over_hole(hole: Polygon, corner: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Return the triangles over the hole, and the share of its area that each corner has there."""
     triangles = shapely.polygons(corner[:, :, :2])
-    touching = shapely.intersects(hole, triangles)
-    corner = corner[touching]
-    pieces = shapely.intersection(triangles[touching], hole)
+    which = np.flatnonzero(shapely.intersects(hole, triangles))
+    pieces = shapely.intersection(triangles[which], hole)
     area = shapely.area(pieces)
     solid = area > 0
-    corner, area = corner[solid], area[solid]
+    which, area, corner = which[solid], area[solid], corner[which[solid]]
     centre = shapely.get_coordinates(shapely.centroid(pieces[solid]))
     a, b = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
     p = centre - corner[:, 0, :2]
     cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
     s = (p[:, 0] * b[:, 1] - p[:, 1] * b[:, 0]) / cross
     t = (a[:, 0] * p[:, 1] - a[:, 1] * p[:, 0]) / cross
-    return float((area * (corner[:, 0, 2] + s * a[:, 2] + t * b[:, 2])).sum())
+    return which, area[:, None] * np.column_stack([1.0 - s - t, s, t])

@@ -20,7 +20,7 @@ from .noise import Noise, functional_std
 from .rim import Rim
 from .robust import off_plane
 
-__all__ = ["BASE_MISFIT", "Surface", "error_budget", "rim_relief"]
+__all__ = ["BASE_MISFIT", "Surface", "error_budget", "onto_measured", "rim_relief"]
 
 #: Share of the rim's own relief, times the area, that a base between rim points is off by.
 BASE_MISFIT = 0.25
@@ -116,7 +116,7 @@ def _noise_items(
     weights: FloatArray, surface: Surface, base: Base, rim: Rim | None, noise: Noise
 ) -> tuple[FloatArray, FloatArray]:
     """Return the survey's and the base's standard deviations of each sum(weights * r)."""
-    direct = _onto_measured(weights, surface)
+    direct = onto_measured(weights, surface)
     if rim is None:
         survey = functional_std(direct, noise)
         return survey, np.zeros_like(survey)
@@ -129,7 +129,7 @@ def _noise_items(
     return survey, np.sqrt(total**2 - survey**2)
 
 
-def _onto_measured(weights: FloatArray, surface: Surface) -> FloatArray:
+def onto_measured(weights: FloatArray, surface: Surface) -> FloatArray:
     """Give the weights of interpolated cells to the nearest measured ones."""
     lost = (weights != 0).any(axis=0) & ~surface.measured
     if not lost.any() or not surface.measured.any():

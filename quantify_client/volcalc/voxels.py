@@ -2,11 +2,13 @@
 
 The cubes start so small that hardly two points share one, and double in size while there are too
 many of them. Which size it ends with depends on all points together, sums are integers: the same
-in any order, from any chunks, in any number of threads.
+in any order, from any chunks, in any number of threads. Their edges are powers of two and their
+corners whole multiples of them, so that a header's box a little wider or narrower moves none.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +19,11 @@ __all__ = ["Thinned", "VoxelAccumulator", "thin"]
 
 _KEY_BITS = 20  # of a cube's number along one axis, at first
 _FINER_BITS = 10  # of a point's place within such a cube
+_END = 1 << (_KEY_BITS + _FINER_BITS)
+
+#: The first corner is a multiple of the whole size / 2^6: of every cube that can become of the
+#: finest ones, since there are never more than 2^18 cubes of that size.
+_CORNER_BITS = 6
 
 #: Cubes kept while streaming.
 _MOST_STREAMING = 400_000
@@ -82,7 +89,7 @@ class _Cubes:
 
 @dataclass(frozen=True)
 class Reduced:
-    """A chunk's share: cubes at some level, and how many points were seen and how many placed."""
+    """A chunk's share: cubes at some level, and how many points were seen."""
 
     cubes: _Cubes
     level: int
@@ -96,13 +103,19 @@ class VoxelAccumulator:
 
     Parameters
     ----------
-    low, high : (3,) corners of the box that the points lie in, metres; others are not placed.
+    low, high : (3,) corners of the box that the points lie in, metres. Points far outside are
+        seen, and not placed.
     """
 
     def __init__(self, low: FloatArray, high: FloatArray) -> None:
-        self._low = np.asarray(low, dtype=np.float64)
-        self.size = max(float(np.max(np.asarray(high) - self._low)), 1e-9)
-        self._fine = float(1 << (_KEY_BITS + _FINER_BITS)) / (self.size * (1.0 + 1e-9))
+        low = np.asarray(low, dtype=np.float64)
+        extent = max(float(np.max(np.asarray(high) - low)), 1e-9)
+        # Room for the corner's own step below, and as much above.
+        self.size = 2.0 ** math.ceil(math.log2(extent * (1.0 + 3.0 * 2.0**-_CORNER_BITS)))
+        step = self.size * 2.0**-_CORNER_BITS
+        # A power of two times a coordinate near enough is exact: so are a point's cube and place.
+        self._low: FloatArray = np.floor(low / step - 0.5) * step
+        self._fine = _END / self.size
         self._level = 0
         self._cubes = _Cubes.empty()
         self.seen = 0
@@ -110,9 +123,8 @@ class VoxelAccumulator:
     def reduce(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Reduced:
         """Return the share of some points, in metres of the measuring frame."""
         level = self._level
-        end = 1 << (_KEY_BITS + _FINER_BITS)
         fine = [np.floor((values - low) * self._fine) for values, low in zip((x, y, z), self._low)]
-        inside = np.logical_and.reduce([(axis >= 0) & (axis < end) for axis in fine])
+        inside = np.logical_and.reduce([(axis >= 0) & (axis < _END) for axis in fine])
         sums = np.column_stack([axis[inside].astype(np.int64) for axis in fine])
         number = np.zeros(len(sums), dtype=np.int64)
         for axis in range(3):
@@ -138,11 +150,14 @@ class VoxelAccumulator:
         return int(self._cubes.counts.sum())
 
     def thinned(self, most: int = MOST_POINTS) -> Thinned:
-        """Return centroids, in an order that depends on nothing but the points."""
-        counts = self._cubes.counts
-        middles = (self._cubes.sums / np.maximum(counts, 1)[:, None] + 0.5) / self._fine
-        edge = self.size / (1 << (_KEY_BITS - self._level)) if self._level else 0.0
-        return thin(Thinned(middles + self._low, counts, edge), most)
+        """Return centroids, in an order that depends on nothing but the points: by z, y and x."""
+        held = self._cubes.counts[:, None]
+        # Whole steps, as the points' own places are: what the corner is leaves no trace.
+        steps = (2 * self._cubes.sums + held) // (2 * held)
+        order = np.lexsort(steps.T)
+        middles = (steps[order] + 0.5) / self._fine + self._low
+        edge = self.grain if self._level else 0.0
+        return thin(Thinned(middles, self._cubes.counts[order], edge), most)
 
 
 def thin(fine: Thinned, most: int) -> Thinned:

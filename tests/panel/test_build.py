@@ -1,9 +1,13 @@
 """The committed build: small, and what its sources give."""
 
+import json
 import shutil
 import subprocess
 
 import pytest
+
+from quantify_client.report.kinds import in_units
+from quantify_client.report.units import named_units
 
 from .conftest import PUBLIC, REPOSITORY
 
@@ -46,3 +50,22 @@ def test_the_committed_build_is_what_its_sources_give(tmp_path):
     made = {path.name: path.read_bytes() for path in out.iterdir()}
     committed = {path.name: path.read_bytes() for path in (PUBLIC / "build").iterdir()}
     assert made == committed, "run `npm ci && npm run build` in plugin/panel and commit the build"
+
+
+def test_the_panel_tells_quantities_in_sentences_as_the_reports_do():
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("no node on this machine: the panel's units cannot be tried")
+    sentences = [
+        "gives 7.91 m3, 0.33 m3 from the volume: more than +-0.29 m3; over 1,500 m, 12 m2 of it",
+        "give --max-gap 3 or m3; 4 mm, 5 m/s, 5 M, area 7 (5, -4.25)",
+    ]
+    script = f"""
+        globalThis.window = {{ localStorage: {{ getItem: () => "imperial" }} }};
+        const units = (await import({json.dumps((PANEL / "src/units.js").as_uri())})).unitSystem();
+        console.log(JSON.stringify({json.dumps(sentences)}.map((s) => units.sentence(s))));
+    """
+    run = subprocess.run(
+        [node, "--input-type=module", "-e", script], capture_output=True, text=True, check=True
+    )
+    assert json.loads(run.stdout) == [in_units(s, named_units("us")) for s in sentences]

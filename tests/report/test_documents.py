@@ -7,6 +7,7 @@ import dataclasses
 import io
 import json
 import math
+import re
 from importlib import resources
 from pathlib import Path
 from types import SimpleNamespace
@@ -117,6 +118,16 @@ def test_nan_and_numpy_numbers_never_reach_json() -> None:
 def test_undecodable_file_names_stay_writable() -> None:
     document = to_json(surveys.measurement(source="pile\udcff.laz"))
     assert document["source"] == "pile?.laz"
+
+
+def test_no_number_of_any_document_has_the_digits_of_rounding() -> None:
+    piece = Slice(z_m=0.1 + 0.2, height_m=0.2, area_m2=3 * 0.1, volume_m3=-3 * 0.1, points=3)
+    result = surveys.pile("a", slices=(piece,), cut_std_m3=0.1 + 0.2, coverage=1.1 * 1.1 - 0.91)
+    measurement = surveys.measurement(result)
+    rows = to_json(measurement)["results"]
+    rows += [feature["properties"] for feature in geojson.to_geojson(measurement)["features"]]
+    assert not re.search(r"0{8}\d|9{8}", json.dumps(rows))
+    assert to_json(measurement)["results"][0]["slices"][0]["z_m"] == 0.3
 
 
 def test_bases_become_rows_of_five_numbers() -> None:

@@ -134,7 +134,7 @@ def test_a_terminal_without_unicode_gets_ascii() -> None:
 def test_warnings_checks_bases_and_failures_are_in_words() -> None:
     shown = printed(surveys.everything(), width=200)
     assert "Warning: The cloud has no ground classes" in shown
-    assert "Grassy hollow: warning: 3.2 % of the cells" in shown
+    assert "Warning: Grassy hollow: 3.2 % of the cells" in shown
     assert "check by TIN prisms" in shown
     assert "elevation 329.50 m" in shown
     assert f"{surveys.HOSTILE}: not measured: The polygon crosses itself" in shown

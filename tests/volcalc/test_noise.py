@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from scipy import ndimage, optimize
 
-from quantify_client.volcalc.noise import Noise, _non_negative, functional_std, measure_noise
+from quantify_client.volcalc.noise import (
+    Noise,
+    _non_negative,
+    functional_std,
+    measure_noise,
+    sampled_std,
+)
 
 SHAPE = (90, 110)
 NOWHERE = np.zeros(SHAPE)
@@ -120,3 +126,30 @@ def test_variances_of_white_and_correlated_noise_are_told_apart_without_negative
         np.testing.assert_allclose(columns[:, trial].T @ found[:, trial], expected, atol=1e-9)
     assert (found >= 0).all()
     assert ((found == 0).any(axis=0)).sum() > 5
+
+
+@pytest.mark.parametrize("correlated", [0.0, 0.02])
+def test_points_and_the_means_that_hold_them_share_their_noise(correlated):
+    rng = np.random.default_rng(4)
+    shape, held, surveys = (12, 14), 5, 4000
+    points, cells = rng.normal(size=(2, *shape))
+    cells -= 0.8 * points  # as the check's and the result's weights: nearly opposite
+    each = rng.normal(0.0, 0.03, (surveys, held, *shape))
+    sums = (each[:, 0] * points + each.mean(axis=1) * cells).sum(axis=(1, 2))
+    together = np.zeros(surveys)
+    if correlated:
+        apart = (
+            np.arange(shape[0])[:, None] - np.arange(shape[0]),
+            (np.arange(shape[1])[:, None] - np.arange(shape[1])),
+        )
+        roots = [
+            np.linalg.cholesky(np.exp(-(d**2) / (2 * 2.0**2)) + 1e-9 * np.eye(len(d)))
+            for d in apart
+        ]
+        white = rng.normal(size=(surveys, *shape))
+        field = correlated * np.einsum("ij,sjk,lk->sil", roots[0], white, roots[1])
+        together = (field * (points + cells)).sum(axis=(1, 2))
+    noise = Noise(0.0, correlated, 2.0, np.full(shape, 0.03 / held**0.5), 0.03)
+    stated = sampled_std(points, cells, np.full(shape, held), noise)
+    # 4000 surveys tell a standard deviation to 1.1 %.
+    assert (sums + together).std() == pytest.approx(stated, rel=0.05)

@@ -309,3 +309,18 @@ def test_too_few_and_flat_points_are_an_error_in_one_line(points, words):
     with pytest.raises(InputError, match=words) as refused:
         measure_solid("body", cloud, SolidRecipe(floor="none"))
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.one_python
+def test_nothing_advises_what_was_asked_for():
+    on_ground = scan(BODIES["cube"](), 2000, seed=8, flaws=Flaws(ground=2.5))
+    open_beside = scanned("sphere", 3000)
+    open_beside = open_beside[open_beside[:, 0] < OFFSET[0] + np.sqrt(0.24)]
+    assert any("--floor none measures all" in line for line in volume_of(on_ground).warnings)
+    assert any("--max-gap sets how wide" in line for line in volume_of(open_beside).warnings)
+    for asked, words in (
+        (volume_of(on_ground, floor="plane"), "points lie on a floor"),
+        (volume_of(open_beside, max_gap=0.25), "1 opening in the surface was closed"),
+    ):
+        assert any(words in line for line in asked.warnings)
+        assert not any("--" in line for line in asked.warnings)

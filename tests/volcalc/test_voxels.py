@@ -61,7 +61,7 @@ def test_rounding_moves_the_points_to_no_side():
 
 def test_points_outside_of_the_box_are_seen_and_not_placed():
     inside = cloud(100)
-    outside = OFFSET + np.array([[0.6, 0, 0], [0, -0.6, 0], [0, 0, 5.0], [np.nan, 0, 0]])
+    outside = OFFSET + np.array([[2.6, 0, 0], [0, -0.6, 0], [0, 0, 5.0], [np.nan, 0, 0]])
     cubes = accumulated([inside, outside])
     assert (cubes.seen, cubes.placed) == (104, 100)
     assert same(cubes.thinned(), accumulated([inside]).thinned())
@@ -91,7 +91,13 @@ def test_points_all_alike_are_one():
 
 @pytest.fixture(params=[400_000, 300], ids=["all", "coarser while streaming"])
 def streaming(request, monkeypatch):
-    monkeypatch.setattr(voxels, "_MOST_STREAMING", request.param)
+    few_cubes(monkeypatch, request.param)
+
+
+def few_cubes(monkeypatch, most):
+    monkeypatch.setattr(voxels, "_MOST_STREAMING", most)
+    if most < 1 << 12:  # as 2^18 to 2^6: corners of all cubes that there may be in the end
+        monkeypatch.setattr(voxels, "_CORNER_BITS", 2)
 
 
 @pytest.mark.usefixtures("streaming")
@@ -109,6 +115,18 @@ def test_any_chunks_in_any_order_give_the_same_bits(most):
 
 
 @pytest.mark.usefixtures("streaming")
+@pytest.mark.parametrize("most", [80_000, 150])
+def test_a_box_a_little_wider_or_narrower_changes_no_bit(most):
+    # As headers are: rounded to the file's steps, or not, or of a larger survey.
+    points = cloud(1500)
+    whole = accumulated([points]).thinned(most)
+    for more in (-0.004, 1e-9, 0.0049, 0.05):
+        cubes = accumulated([points], OFFSET - 0.5 - more, OFFSET + 0.5 + 0.7 * more)
+        assert cubes.placed == len(points)
+        assert same(cubes.thinned(most), whole)
+
+
+@pytest.mark.usefixtures("streaming")
 def test_shares_made_at_once_are_absorbed_in_any_order():
     # As threads do: some were made when the cubes were still finer.
     points = cloud(3000)
@@ -123,13 +141,13 @@ def test_shares_made_at_once_are_absorbed_in_any_order():
 
 
 def test_coarser_cubes_hold_the_means_of_their_points(monkeypatch):
-    monkeypatch.setattr(voxels, "_MOST_STREAMING", 300)
+    few_cubes(monkeypatch, 300)
     points, low = cloud(3000), OFFSET - 0.5
     found = accumulated([points]).thinned()
     assert 300 / 8 < len(found.points) <= 300
-    # Cubes of a power of two: the box, a billionth larger, halved again and again.
-    assert np.log2(1.0 / found.edge) == pytest.approx(round(np.log2(1.0 / found.edge)), abs=1e-8)
-    cube = np.floor((points - low) / found.edge / (1 + 1e-9)).astype(int)
+    # Cubes of a power of two, whose corners are multiples of it.
+    assert np.log2(found.edge) == round(np.log2(found.edge))
+    cube = np.floor(points / found.edge).astype(int)
     _, which, counts = np.unique(cube, axis=0, return_inverse=True, return_counts=True)
     which = which.ravel()
     means = np.column_stack([np.bincount(which, axis) for axis in (points - low).T])

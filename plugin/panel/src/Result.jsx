@@ -31,9 +31,11 @@ export default class Result extends Acting {
           {this.renderHead()}
           {measurement.results.length > 1 ? this.renderResults() : null}
           {result.error
-            ? <Notice kind="error">{result.error}</Notice>
+            ? <Notice kind="error">{units.sentence(result.error)}</Notice>
             : this.renderResult(result)}
-          {(measurement.warnings || []).map((words) => <Notice key={words} kind="warning">{words}</Notice>)}
+          {(measurement.warnings || []).map((words) => (
+            <Notice key={words} kind="warning">{units.sentence(words)}</Notice>
+          ))}
           <Details doc={doc} units={units} />
         </div>
         <div className="vc-foot theme-secondary">
@@ -132,7 +134,9 @@ export default class Result extends Acting {
         <dl className="vc-facts">{this.facts(result).map(([word, value]) => (
           <div key={word}><dt>{word}</dt><dd>{value}</dd></div>
         ))}</dl>
-        {(result.warnings || []).map((words) => <Notice key={words} kind="warning">{words}</Notice>)}
+        {(result.warnings || []).map((words) => (
+          <Notice key={words} kind="warning">{units.sentence(words)}</Notice>
+        ))}
         {result.slices && result.slices.length ? <Chart result={result} terrain={terrain} units={units} /> : null}
         {onMap && layer && layer.relief ? <Legend relief={layer.relief} units={units} terrain={terrain} /> : null}
         <Fold title={_("What the error is made of")} said={units.margin(result.std_m3)}>

@@ -59,6 +59,26 @@ class UnitSystem {
   length(m) {
     return withUnit(this.lengthNumber(m), this.lengthUnit);
   }
+
+  /** A sentence of the server's, which is metric, with its volumes, areas and lengths in these units. */
+  sentence(words) {
+    const of = { m: [this.lengthUnit, this.perMetre], m2: [this.areaUnit, this.perSquareMetre],
+      m3: [this.volumeUnit, this.perCubicMetre] };
+    return String(words).replace(QUANTITY, (all, before, value, unit) => {
+      const [name, factor] = of[unit];
+      return `${before}${factor === 1 ? value : scaled(value, factor)} ${name}`;
+    });
+  }
+}
+
+// A number with its unit: no part of a name, of an option or of another unit (m/s).
+const QUANTITY = /(^|[^\w.])(\d+(?:,\d{3})*(?:\.\d+)?(?:[eE][-+]?\d+)?) (m3|m2|m)(?![\w/])/g;
+
+/** A written number times a factor, with as many significant digits, two at the least. */
+function scaled(written, factor) {
+  const bare = written.replace(/,/g, "");
+  const digits = bare.toLowerCase().split("e")[0].replace(".", "").replace(/^0+/, "").length;
+  return String(Number((Number(bare) * factor).toPrecision(Math.max(digits, 2))));
 }
 
 const SYSTEMS = {
