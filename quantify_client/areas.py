@@ -11,7 +11,7 @@ import math
 import os
 import re
 import unicodedata
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, List, Mapping, Optional, Sequence, Set, Tuple, Union
 
@@ -57,10 +57,12 @@ class Area:
     ----------
     name : unique among the areas of one call.
     polygon : shapely Polygon or MultiPolygon in the measuring frame, metres, 2-D, valid.
+    properties : what else its file says of it, by name.
     """
 
     name: str
     polygon: Any
+    properties: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -162,7 +164,7 @@ def _area(
         problem = f"cannot be placed: {error}"
     if problem:
         return AreaFailure(name, problem + _swap_hint(drawn, crs, frame, box))
-    return Area(name, polygon)
+    return Area(name, polygon, outline.properties)
 
 
 def _moved(polygon: Any, crs: Optional[str], frame: Frame) -> Any:

@@ -5,28 +5,33 @@ from __future__ import annotations
 import time
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Callable, Optional, Sequence, Tuple, Union
+from typing import Any, Callable, Optional, Sequence, Tuple, Union
 
+from ..areas import AreaSet
 from ..choices import check_options
-from ..cloud.rewrite import require_rewritable, rewrite_cloud
+from ..cloud.rewrite import RewriteReport, require_rewritable, rewrite_cloud
 from ..crs import PlacedFrame, measuring_frame
+from ..errors import UsageError
 from ..sfm.access import Access
 from ..sfm.outputs import Source, open_source
 from ..streaming import Progress
-from ..types import Bounds, FloatArray, Options, Scaled
+from ..types import AreaFailure, Bounds, FloatArray, Options, Scaled
+from ..writing import require_replaceable
 from .common import provenance
+from .moved import areas_beside, moved_areas, no_longer_fits, write_areas
 from .placing import Placement, place_cloud
 
 __all__ = ["scale"]
 
 #: What of the options decides a scale.
-_OPTIONS = ("gcp", "scale_mode", "crs", "source_unit", "vertical_unit")
+_OPTIONS = ("gcp", "area", "scale_mode", "crs", "source_unit", "vertical_unit")
 
 
 def scale(
     *sources: Union[str, Path],
     gcp: Union[str, Path],
     out: Optional[Union[str, Path]] = None,
+    area: Optional[Any] = None,
     scale_mode: str = "auto",
     crs: Optional[str] = None,
     source_unit: Optional[str] = None,
@@ -43,6 +48,8 @@ def scale(
     gcp : control file.
     out : .laz or .las; None to only say what the transform is. The sources are never touched, and
         nothing but an earlier result of ours is replaced.
+    area : polygons that were drawn on the delivered cloud, as for :func:`measure`; they are written
+        beside `out`, as ``-areas.geojson``, moved with the cloud.
     scale_mode : ``"auto"``, ``"scale"``, ``"shift"`` or ``"full"``.
     crs, source_unit, vertical_unit : as in :class:`Options`.
     progress : called with the stage and the share done, from 0 to 1.
@@ -58,6 +65,7 @@ def scale(
     started, clock = datetime.now(timezone.utc), time.perf_counter()
     given = Options(
         gcp=gcp,
+        area=area,
         scale_mode=scale_mode,
         crs=crs,
         source_unit=source_unit,
@@ -67,6 +75,8 @@ def scale(
     report = progress or (lambda stage, share: None)
     if out is not None:
         require_rewritable([*map(Path, sources), Path(gcp)], Path(out))
+    if area is not None:
+        _require_place(out, [*sources, gcp, area])
     with open_source(
         list(sources), cameras=True, access=access, progress=report, options=options
     ) as source:
@@ -75,6 +85,14 @@ def scale(
         if out is not None:
             require_rewritable(source.files, Path(out))
         placement = place_cloud(source, frame, options)
+        moved = AreaSet((), ())
+        failures: Tuple[AreaFailure, ...] = ()
+        notes = [*info.warnings, *placement.frame.warnings]
+        if area is not None:
+            moved, failures = moved_areas(source, placement.frame, options, report)
+            notes += moved.warnings
+        elif out is not None:
+            notes.append(no_longer_fits(placement.frame, placement.bounds))
 
         def result(more: Sequence[str] = ()) -> Scaled:
             seconds = time.perf_counter() - clock
@@ -82,13 +100,33 @@ def scale(
                 source=source.label,
                 scaling=placement.scaling,
                 out=None if out is None else str(out),
-                warnings=(*info.warnings, *placement.frame.warnings, *more),
+                areas=None if area is None else str(areas_beside(Path(str(out)))),
+                failures=failures,
+                warnings=(*notes, *more),
                 provenance=provenance(source, options, started, seconds, only=_OPTIONS),
             )
 
+        def companions(cloud: RewriteReport, folder: Path) -> Sequence[str]:
+            names = [] if beside is None else list(beside(result(cloud.warnings), folder))
+            if area is None:
+                return names
+            name = areas_beside(Path(str(out))).name
+            write_areas(moved, placement.frame, folder / name)
+            return [*names, name]
+
         if out is None:
             return result()
-        return _write(source, placement, Path(out), report, result, beside)
+        return _write(source, placement, Path(out), report, result, companions)
+
+
+def _require_place(out: Optional[Union[str, Path]], inputs: Sequence[Any]) -> None:
+    """Raise where moved polygons have no place, or would replace what is not ours, or an input."""
+    if out is None:
+        raise UsageError(
+            "--area goes with --out FILE.laz: the moved polygons are written beside it"
+        )
+    given = [item for item in inputs if isinstance(item, (str, Path))]
+    require_replaceable(areas_beside(Path(out)), given)
 
 
 def _write(
@@ -97,7 +135,7 @@ def _write(
     out: Path,
     report: Progress,
     result: Callable[[Sequence[str]], Scaled],
-    beside: Optional[Callable[[Scaled, Path], Sequence[str]]],
+    companions: Callable[[RewriteReport, Path], Sequence[str]],
 ) -> Scaled:
     frame, info = placement.frame, source.cloud.info
 
@@ -114,7 +152,7 @@ def _write(
         _in_own_units(frame, placement.bounds),
         _crs(frame, info.crs),
         report,
-        beside and (lambda cloud, folder: beside(result(cloud.warnings), folder)),
+        companions,
     )
     return result(written.warnings)
 

@@ -55,6 +55,8 @@ def plan_control(gcp: Union[str, Path], images: Collection[str], out: Path) -> C
     """
     account = convert_control(gcp)
     control = read_control(str(gcp))
+    if account.refused:
+        raise ControlError(f"{control.label}: {account.refused}; mend that before anything is sent")
     usable = _require_picks(control, images)
     if Path(gcp).suffix.lower() == ".txt" and account.levelled == account.points:
         # OpenDroneMap's own file, complete: its author means it to be used as it is.
