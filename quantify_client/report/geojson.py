@@ -22,6 +22,7 @@ __all__ = ["CLOUD_COORDINATES", "outlines_document", "to_geojson"]
 CLOUD_COORDINATES = "cloud coordinates, no CRS"
 WGS84_DECIMALS = 9  # 0.1 mm on the ground
 CLOUD_DECIMALS = 4
+OUTLINE_DECIMALS = 6  # of what is measured by again, perhaps a body of centimetres
 
 
 def to_geojson(measurement: Measurement) -> Dict[str, Any]:
@@ -102,7 +103,7 @@ def outlines_document(
         {
             "type": "Feature",
             "properties": plain(properties),
-            "geometry": _written(geometry, CLOUD_DECIMALS),
+            "geometry": _written(geometry, OUTLINE_DECIMALS),
         }
         for properties, geometry in outlines
     ]
