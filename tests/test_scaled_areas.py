@@ -135,6 +135,15 @@ def test_a_cloud_without_crs_says_so_of_its_polygons(run, flat_site):
     assert "is the input itself" in err
 
 
+def test_places_of_the_delivered_cloud_do_not_scale_it_twice_in_silence(run, flat_site):
+    arguments = ("--gcp", flat_site / "control.json")
+    _, first, _ = run("scale", cloud_in(flat_site), *arguments)
+    assert "scaled before" not in " ".join(first.split())
+    scaled(run, flat_site)
+    _, again, _ = run("scale", flat_site / "scaled.laz", *arguments)
+    assert "the cloud was scaled before" in " ".join(again.split())
+
+
 def test_a_polygon_that_cannot_be_moved_is_named_and_the_others_are_written(run, flat_site):
     good, far = shapely.box(-5, -5, 5, 5), shapely.box(905, 5, 910, 10)
     (flat_site / "old.geojson").write_text(features(far, good, names=["far", "a"], crs=None))

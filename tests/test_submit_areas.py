@@ -162,6 +162,24 @@ def test_every_fault_is_told_for_people_and_programs(known, dry_run, tmp_path):
         assert line in err
 
 
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda p: p.update(lon=p["lon"] + 6.0), "km from where the photographs were taken"),
+        (lambda p: p.update(lat=p["lon"], lon=p["lat"]), "swap lat and lon"),
+    ],
+)
+def test_control_of_another_place_is_told(known, dry_run, tmp_path, change, said):
+    control = json.loads(known.control.read_text())
+    for point in control["points"].values():
+        change(point)
+    control["images"] = str(known.control.with_name("picks.txt"))
+    (tmp_path / "far.json").write_text(json.dumps(control))
+    status, _, err = dry_run("--gcp", tmp_path / "far.json")
+    assert status == 1
+    assert said in err
+
+
 def test_photographs_that_are_none_do_not_hide_the_node(dry_run, tmp_path):
     (tmp_path / "few").mkdir()
     photograph(tmp_path / "few" / "a.jpg")

@@ -17,7 +17,7 @@ from ..jobs import Plan, plan_job
 from ..jobs.create import require_free
 from ..jobs.journal import GCP_NAME
 from ..pipeline.sending import ControlPlan, plan_control
-from ..pipeline.sites import AreaPlan, compare_areas
+from ..pipeline.sites import AreaPlan, compare_areas, require_control_near
 from ..report import require_writable
 from ..report.words import printable
 from ..sfm.photos import PhotoSummary, check_photos
@@ -144,6 +144,7 @@ def _check_control(
     with found.step():
         names = {photo.name for photo in photos.photos}
         found.control = plan_control(given.gcp, names, folder / GCP_NAME)
+        require_control_near(given.gcp, _places(photos))
         if not found.control.applied:
             _leave_out_control(found.options)
 
@@ -158,12 +159,15 @@ def _leave_out_control(options: Dict[str, Any]) -> None:
         )
 
 
+def _places(photos: PhotoSummary) -> List[Tuple[float, float]]:
+    return [photo.lonlat for photo in photos.photos if photo.lonlat is not None]
+
+
 def _check_areas(given: argparse.Namespace, found: Checked, photos: PhotoSummary) -> None:
     """Raise AreaError when no polygon is where the photographs were taken."""
     if given.area is None:
         return
-    taken = [photo.lonlat for photo in photos.photos if photo.lonlat is not None]
-    plan = compare_areas(given.area, taken)
+    plan = compare_areas(given.area, _places(photos))
     if plan.failures and len(plan.failures) == len(plan.names):
         first = plan.failures[0]
         more = f"; and {len(plan.failures) - 1} more like it" if len(plan.failures) > 1 else ""

@@ -1,9 +1,10 @@
-"""Polygons and photographs before there is a cloud: whether they are of one place."""
+"""Polygons, control and photographs before there is a cloud: whether they are of one place."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, List, Optional, Sequence, Tuple
+from pathlib import Path
+from typing import Any, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 import shapely
@@ -11,9 +12,12 @@ import shapely
 from ..areas import Area, read_areas
 from ..crs import Frame, local_frame, measuring_frame, positions_to, utm_grid
 from ..errors import AreaError, CrsError
+from ..scaler.control import read_control
+from ..scaler.survey import CloudPlace, build_network
 from ..types import AreaFailure, FloatArray
+from .site import Site, require_near
 
-__all__ = ["AreaPlan", "compare_areas"]
+__all__ = ["AreaPlan", "compare_areas", "require_control_near"]
 
 _WGS84 = "EPSG:4326"
 
@@ -76,6 +80,19 @@ def compare_areas(area: Any, taken: Sequence[Tuple[float, float]]) -> AreaPlan:
             )
     names = tuple(item.name for item in found.areas)
     return AreaPlan(names, tuple(failures), (*found.warnings, *notes))
+
+
+def require_control_near(gcp: Union[str, Path], taken: Sequence[Tuple[float, float]]) -> None:
+    """Raise ControlError for positions that are not where photographs were taken."""
+    control = read_control(str(gcp))
+    if not taken:
+        return
+    lon, lat = np.median(np.array(taken, dtype=np.float64), axis=0)
+    local = local_frame(_WGS84, float(lon), float(lat), control.height_m or 0.0)
+    there = {name: CloudPlace(np.zeros(3), np.eye(3)) for name in control.points}
+    network, _ = build_network(control, local, 0.0, there)
+    site = Site(local, np.eye(4), 0.0, np.zeros(2))
+    require_near(control, site, network, "where the photographs were taken")
 
 
 def _site(taken: FloatArray) -> Tuple[Frame, FloatArray, List[str]]:

@@ -134,8 +134,8 @@ def held_against_positions(network: Network) -> Tuple[Optional[Adjustment], floa
 def beside_positions(network: Network) -> Optional[Network]:
     """Return the lengths between points with positions, which are their places in a cloud.
 
-    Where elevations are unknown the points are level, and a length that is longer than the ground
-    between them may be off by that, up to the steepest slope.
+    Where elevations are unknown the points are level, and a length may be off by as much as it is
+    longer than the ground between them can be, up to the steepest slope.
     """
     placed = network.placed
     up = np.where(network.levelled, network.elevation, _middle(network))
@@ -150,7 +150,8 @@ def beside_positions(network: Network) -> Optional[Network]:
     covariance[:, [0, 1], [0, 1]] = network.horizontal_sigma[:, None] ** 2
     covariance[:, 2, 2] = vertical**2
     steep = ~network.levelled[network.ends].all(axis=1)
-    longer = np.clip(network.length - apart, 0.0, (_STEEPEST - 1.0) * apart)
+    least = apart - _APART * np.hypot(*network.horizontal_sigma[network.ends.T])
+    longer = np.clip(network.length - least, 0.0, (_STEEPEST - 1.0) * apart)
     sigma = np.hypot(network.length_sigma, np.where(steep & chosen, longer, 0.0))
     nothing = np.full_like(network.elevation, np.nan)
     alone = replace(
