@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Dict, List, Optional, Sequence, Tuple, Union
 
@@ -20,7 +21,7 @@ from ..scaler.survey import CloudPlace, build_network
 from ..scaler.verdict import FOUND_M
 from ..types import ControlAccount, ControlledPoint, DirectHeight
 from ..writing import require_replaceable
-from .site import free_site, height_notes
+from .site import Site, free_site, height_notes
 from .verdict import judged, verdict_on
 
 __all__ = ["convert_control"]
@@ -63,24 +64,8 @@ def convert_control(
     if any(place.accuracy is None for place in control.cloud.values()):
         warnings.append(f"places in the cloud have no accuracy: {_PLACE} is taken; give 'accuracy'")
     verdict = verdict_on(control, site, network, places)
-    solved: List[ControlledPoint] = []
-    direct: Tuple[DirectHeight, ...] = ()
-    left_out: List[str] = []
-    faults = list(verdict.faults)
-    if to == "odm":
-        try:
-            _, wrong, said = held_against_positions(network)
-            if wrong:
-                raise ControlError(f"{said[0]}; nothing is written before that is mended")
-            found = solve_elevations(network)
-            local, crs = _placed(control, site.local)
-            solved = _points(network, found, local, site.level)
-            direct = tuple(found.direct)
-            faults += found.faults
-            warnings += [*found.notes, *_remarks(control, found, solved)]
-            left_out = _write(control, solved, local, crs, target)
-        except ControlError as error:
-            raise ControlError(f"{control.label}: {error}") from error
+    for_odm = _ForOdm() if to is None else _for_odm(control, site, network, target)
+    warnings += for_odm.notes
     can, cannot = judged(control, network, verdict)
     return ControlAccount(
         source=control.label,
@@ -97,16 +82,42 @@ def convert_control(
         scale_std=max(verdict.scale_std, default=None),
         found_m=FOUND_M[-1] if verdict.is_expected else None,
         detectable_m=_least_sure(verdict.detectable_m),
-        faults=tuple(dict.fromkeys(faults)),
+        faults=tuple(dict.fromkeys([*verdict.faults, *for_odm.faults])),
         refused=verdict.refused,
         can=can,
         cannot=cannot,
-        solved=tuple(solved),
-        direct=direct,
+        solved=tuple(for_odm.solved),
+        direct=tuple(for_odm.direct),
         out=None if to is None else str(target),
-        left_out=tuple(left_out),
+        left_out=tuple(for_odm.left_out),
         warnings=tuple(warnings),
     )
+
+
+@dataclass(frozen=True)
+class _ForOdm:
+    """Elevations that were solved and written, and what is to be said of them."""
+
+    solved: Sequence[ControlledPoint] = ()
+    direct: Sequence[DirectHeight] = ()
+    left_out: Sequence[str] = ()
+    faults: Sequence[str] = ()
+    notes: Sequence[str] = ()
+
+
+def _for_odm(control: Control, site: Site, network: Network, target: Path) -> _ForOdm:
+    try:
+        _, wrong, said = held_against_positions(network)
+        if wrong:
+            raise ControlError(f"{said[0]}; nothing is written before that is mended")
+        found = solve_elevations(network)
+        local, crs = _placed(control, site.local)
+        solved = _points(network, found, local, site.level)
+        notes = [*found.notes, *_remarks(control, found, solved)]
+        left_out = _write(control, solved, local, crs, target)
+    except ControlError as error:
+        raise ControlError(f"{control.label}: {error}") from error
+    return _ForOdm(solved, found.direct, left_out, found.faults, notes)
 
 
 def _least_sure(sizes: Sequence[float]) -> Optional[float]:

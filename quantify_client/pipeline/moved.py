@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
-from typing import Tuple
+from typing import Optional, Sequence, Tuple
 
 import numpy as np
 import shapely
 
-from ..areas import Area, AreaSet
+from ..areas import Area
 from ..crs import PlacedFrame
 from ..errors import AreaError
 from ..report.geojson import outlines_document
@@ -21,7 +21,7 @@ from ..streaming import Progress
 from ..types import AreaFailure, Bounds, FloatArray, Options
 from .drawn import drawn_areas
 
-__all__ = ["areas_beside", "moved_areas", "no_longer_fits", "write_areas"]
+__all__ = ["Moving", "areas_beside", "moved_areas", "no_longer_fits"]
 
 
 def areas_beside(out: Path) -> Path:
@@ -30,10 +30,45 @@ def areas_beside(out: Path) -> Path:
     return real.with_name(f"{out.stem}-areas.geojson")
 
 
+@dataclass(frozen=True)
+class Moving:
+    """Polygons on their way to beside a scaled cloud.
+
+    Attributes
+    ----------
+    path : where they go; None where none are given.
+    failures : those that cannot be moved.
+    notes : what is worth saying, one line each.
+    """
+
+    path: Optional[Path] = None
+    areas: Sequence[Area] = ()
+    failures: Tuple[AreaFailure, ...] = ()
+    notes: Sequence[str] = ()
+
+    def write(self, frame: PlacedFrame, folder: Path) -> Sequence[str]:
+        """Write them in the coordinates of the scaled cloud; return the names of the files."""
+        if self.path is None:
+            return []
+
+        def in_own_units(xy: FloatArray) -> FloatArray:
+            return xy / frame.unit_m
+
+        outlines = [
+            ({**area.properties, "name": area.name}, shapely.transform(area.polygon, in_own_units))
+            for area in self.areas
+        ]
+        crs = frame.crs if frame.crs is None or frame.crs.startswith("EPSG:") else frame.grid
+        document = outlines_document(outlines, crs)
+        text = json.dumps(document, allow_nan=False)
+        (folder / self.path.name).write_text(text, encoding="utf-8")
+        return [self.path.name]
+
+
 def moved_areas(
-    source: Source, frame: PlacedFrame, options: Options, report: Progress
-) -> Tuple[AreaSet, Tuple[AreaFailure, ...]]:
-    """Return the polygons moved with the cloud, and those that cannot be.
+    source: Source, frame: PlacedFrame, options: Options, out: Path, report: Progress
+) -> Moving:
+    """Return the polygons moved with the cloud that is written to `out`.
 
     Raises
     ------
@@ -44,23 +79,8 @@ def moved_areas(
     failures = tuple(area for area in found.areas if isinstance(area, AreaFailure))
     if len(failures) == len(found.areas):
         raise AreaError(f"{failures[0].name}: {failures[0].error}; no polygon can be moved")
-    return found, failures
-
-
-def write_areas(areas: AreaSet, frame: PlacedFrame, path: Path) -> None:
-    """Write moved polygons in the coordinates that the scaled cloud has."""
-
-    def in_own_units(xy: FloatArray) -> FloatArray:
-        return xy / frame.unit_m
-
-    outlines = [
-        ({**area.properties, "name": area.name}, shapely.transform(area.polygon, in_own_units))
-        for area in areas.areas
-        if isinstance(area, Area)
-    ]
-    crs = frame.crs if frame.crs is None or frame.crs.startswith("EPSG:") else frame.grid
-    document = outlines_document(outlines, crs)
-    path.write_text(json.dumps(document, allow_nan=False), encoding="utf-8")
+    areas = [area for area in found.areas if isinstance(area, Area)]
+    return Moving(areas_beside(out), areas, failures, found.warnings)
 
 
 def no_longer_fits(frame: PlacedFrame, bounds: Bounds) -> str:

@@ -7,7 +7,6 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any, Callable, Optional, Sequence, Tuple, Union
 
-from ..areas import AreaSet
 from ..choices import check_options
 from ..cloud.rewrite import RewriteReport, require_rewritable, rewrite_cloud
 from ..crs import PlacedFrame, measuring_frame
@@ -15,10 +14,10 @@ from ..errors import UsageError
 from ..sfm.access import Access
 from ..sfm.outputs import Source, open_source
 from ..streaming import Progress
-from ..types import AreaFailure, Bounds, FloatArray, Options, Scaled
+from ..types import Bounds, FloatArray, Options, Scaled
 from ..writing import require_replaceable
 from .common import provenance
-from .moved import areas_beside, moved_areas, no_longer_fits, write_areas
+from .moved import Moving, areas_beside, moved_areas, no_longer_fits
 from .placing import Placement, place_cloud
 
 __all__ = ["scale"]
@@ -63,7 +62,7 @@ def scale(
         One line that says what was found, what was expected and what to do.
     """
     started, clock = datetime.now(timezone.utc), time.perf_counter()
-    given = Options(
+    asked = Options(
         gcp=gcp,
         area=area,
         scale_mode=scale_mode,
@@ -71,12 +70,9 @@ def scale(
         source_unit=source_unit,
         vertical_unit=vertical_unit,
     )
-    options = check_options(given)
+    options = check_options(asked)
     report = progress or (lambda stage, share: None)
-    if out is not None:
-        require_rewritable([*map(Path, sources), Path(gcp)], Path(out))
-    if area is not None:
-        _require_place(out, [*sources, gcp, area])
+    _require_places(out, [*map(Path, sources), Path(gcp)], area)
     with open_source(
         list(sources), cameras=True, access=access, progress=report, options=options
     ) as source:
@@ -85,14 +81,7 @@ def scale(
         if out is not None:
             require_rewritable(source.files, Path(out))
         placement = place_cloud(source, frame, options)
-        moved = AreaSet((), ())
-        failures: Tuple[AreaFailure, ...] = ()
-        notes = [*info.warnings, *placement.frame.warnings]
-        if area is not None:
-            moved, failures = moved_areas(source, placement.frame, options, report)
-            notes += moved.warnings
-        elif out is not None:
-            notes.append(no_longer_fits(placement.frame, placement.bounds))
+        moving = _moving(source, placement, options, out, report)
 
         def result(more: Sequence[str] = ()) -> Scaled:
             seconds = time.perf_counter() - clock
@@ -100,32 +89,49 @@ def scale(
                 source=source.label,
                 scaling=placement.scaling,
                 out=None if out is None else str(out),
-                areas=None if area is None else str(areas_beside(Path(str(out)))),
-                failures=failures,
-                warnings=(*notes, *more),
+                areas=None if moving.path is None else str(moving.path),
+                failures=moving.failures,
+                warnings=(*info.warnings, *placement.frame.warnings, *moving.notes, *more),
                 provenance=provenance(source, options, started, seconds, only=_OPTIONS),
             )
 
         def companions(cloud: RewriteReport, folder: Path) -> Sequence[str]:
             names = [] if beside is None else list(beside(result(cloud.warnings), folder))
-            if area is None:
-                return names
-            name = areas_beside(Path(str(out))).name
-            write_areas(moved, placement.frame, folder / name)
-            return [*names, name]
+            return [*names, *moving.write(placement.frame, folder)]
 
         if out is None:
             return result()
         return _write(source, placement, Path(out), report, result, companions)
 
 
-def _require_place(out: Optional[Union[str, Path]], inputs: Sequence[Any]) -> None:
-    """Raise where moved polygons have no place, or would replace what is not ours, or an input."""
+def _moving(
+    source: Source,
+    placement: Placement,
+    options: Options,
+    out: Optional[Union[str, Path]],
+    report: Progress,
+) -> Moving:
+    """Return what becomes of polygons of the delivered cloud."""
+    if out is None:
+        return Moving()
+    if options.area is None:
+        return Moving(notes=(no_longer_fits(placement.frame, placement.bounds),))
+    return moved_areas(source, placement.frame, options, Path(out), report)
+
+
+def _require_places(
+    out: Optional[Union[str, Path]], inputs: Sequence[Path], area: Optional[Any]
+) -> None:
+    """Raise where a result has no place, or would replace what is not ours, or an input."""
+    if out is not None:
+        require_rewritable(inputs, Path(out))
+    if area is None:
+        return
     if out is None:
         raise UsageError(
             "--area goes with --out FILE.laz: the moved polygons are written beside it"
         )
-    given = [item for item in inputs if isinstance(item, (str, Path))]
+    given = [*inputs, area] if isinstance(area, (str, Path)) else inputs
     require_replaceable(areas_beside(Path(out)), given)
 
 
