@@ -11,7 +11,7 @@ import math
 import os
 import re
 import unicodedata
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, List, Mapping, Optional, Sequence, Set, Tuple, Union
 
@@ -57,10 +57,12 @@ class Area:
     ----------
     name : unique among the areas of one call.
     polygon : shapely Polygon or MultiPolygon in the measuring frame, metres, 2-D, valid.
+    properties : what else its file says of it, by name.
     """
 
     name: str
     polygon: Any
+    properties: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,9 @@ class AreaSet:
     warnings: Sequence[str]
 
 
-def read_areas(area: Any, frame: Frame, bounds: Optional[Bounds]) -> AreaSet:
+def read_areas(
+    area: Any, frame: Frame, bounds: Optional[Bounds], *, turned: bool = False
+) -> AreaSet:
     """Read polygons and move them to the measuring frame.
 
     Parameters
@@ -81,18 +85,20 @@ def read_areas(area: Any, frame: Frame, bounds: Optional[Bounds]) -> AreaSet:
     frame : of the cloud.
     bounds : of the cloud, in the cloud's own coordinates (:attr:`CloudInfo.bounds`); None when
         unknown, and then no polygon is found to lie outside.
+    turned : read x for y: whether the polygons are elsewhere then is to be known.
 
     Raises
     ------
-    AreaError
-        When nothing can be read, there is no polygon, or the CRS cannot be told.
-    MissingExtraError
-        When the format needs pyogrio.
+    AreaError, MissingExtraError
+        When nothing can be read, there is no polygon, or the CRS cannot be told; when the format
+        needs pyogrio.
     """
     box = None if bounds is None else _box(frame.bounds_to_frame(bounds))
     if isinstance(area, shapely.Geometry):
         return _given(area, box)
     outlines, notes, where = _polygons(area)
+    if turned:
+        outlines = [replace(o, polygon=o.polygon and _turned(o.polygon)) for o in outlines]
     _check_crs(outlines, frame, where)
     implied = _implied_crs(outlines, frame, bounds, box, where, notes)
     names, areas = _Names(), []
@@ -162,7 +168,7 @@ def _area(
         problem = f"cannot be placed: {error}"
     if problem:
         return AreaFailure(name, problem + _swap_hint(drawn, crs, frame, box))
-    return Area(name, polygon)
+    return Area(name, polygon, outline.properties)
 
 
 def _moved(polygon: Any, crs: Optional[str], frame: Frame) -> Any:

@@ -58,6 +58,11 @@ def add_scale(parser: argparse.ArgumentParser) -> None:
     add("--scale-mode", choices=MODES, default="auto", help=_MODES)
     add_units(parser)
     add(
+        "--area",
+        metavar="FILE",
+        help="with --out: polygons drawn on the cloud as it is, written moved with it",
+    )
+    add(
         "--out",
         type=Path,
         metavar="FILE.laz",

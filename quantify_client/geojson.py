@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from numbers import Real
 from pathlib import Path
 from typing import Any, Iterator, List, Mapping, Optional, Sequence, Tuple
@@ -50,6 +50,7 @@ class Outline:
     problem : the reason when ``polygon`` is None; empty otherwise.
     foreign : True when it was never a polygon (a point, a line, nothing at all).
     dropped : parts of its collection that are no polygons.
+    properties : what else the file says of it, by name.
     """
 
     label: Any
@@ -58,6 +59,7 @@ class Outline:
     problem: str = ""
     foreign: bool = False
     dropped: int = 0
+    properties: Mapping[str, Any] = field(default_factory=dict)
 
 
 class _UnusableError(Exception):
@@ -142,11 +144,13 @@ def _walk(node: Any, label: Any, crs: Optional[str], where: str, depth: int) -> 
         for feature in _members(node, "features", where):
             yield from _walk(feature, None, crs, where, depth + 1)
     elif kind == "Feature":
-        label = _label(node.get("properties"))
+        told = node.get("properties")
+        label, properties = _label(told), told if isinstance(told, Mapping) else {}
         if node.get("geometry") is None:
             yield _foreign(label, crs, "has no geometry; draw its polygon")
         else:
-            yield from _walk(node["geometry"], label, crs, where, depth + 1)
+            for outline in _walk(node["geometry"], label, crs, where, depth + 1):
+                yield replace(outline, properties=properties)
     elif kind == "GeometryCollection":
         yield from _collection(node, label, crs, where, depth)
     elif kind in _GEOMETRIES:

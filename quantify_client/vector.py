@@ -7,6 +7,7 @@ import re
 import sqlite3
 import warnings
 from contextlib import closing, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Iterator, List, Optional, Tuple
 
@@ -170,12 +171,15 @@ def _layer_outlines(
 ) -> List[Outline]:
     """Turn one layer as pyogrio reads it (WKB, columns) into outlines."""
     lines_may_close = path.suffix.lower() == ".dxf"
-    names = _name_column(list(meta["fields"]), columns)
+    fields = list(meta["fields"])
+    names = _name_column(fields, columns)
     crs: Optional[str] = meta["crs"]
     outlines = []
     for number, geometry in enumerate(shapely.from_wkb(geometries, on_invalid="ignore")):
         label = None if names is None else names[number]
-        outlines.append(_outline(geometry, label, crs, lines_may_close))
+        properties = {field: column[number] for field, column in zip(fields, columns)}
+        outline = _outline(geometry, label, crs, lines_may_close)
+        outlines.append(replace(outline, properties=properties))
     return outlines
 
 

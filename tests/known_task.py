@@ -53,10 +53,11 @@ def make_task(folder: Path) -> KnownTask:
     wkt = {"wkt": pyproj.CRS(UTM).to_wkt()}
     write_ept(project / "entwine_pointcloud", delivered(points), srs=wkt)
     shots = flight(project)
+    taken = [(name, shot.centre[None, :2]) for name, shot in sorted(shots.by_image.items())]
     (folder / "photos").mkdir()
     photos = [
-        photograph(folder / "photos" / name, seed=number, pad=40_000)
-        for number, name in enumerate(sorted(shots.by_image))
+        photograph(folder / "photos" / name, seed=number, pad=40_000, gps=tuple(_lonlat(centre)[0]))
+        for number, (name, centre) in enumerate(taken)
     ]
     marks = places()
     rows = [UTM]

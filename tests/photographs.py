@@ -7,23 +7,38 @@ import numpy as np
 from PIL import Image
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
+#: Near Goleta, California.
 PLACE = {1: "N", 2: (34.0, 24.0, 29.9), 3: "W", 4: (119.0, 52.0, 47.6)}
 
 
 def photograph(path, *, seed=0, gps=True, camera=("DJI", "FC220"), pad=0, size=(64, 48)):
-    """Write a small picture with a header; `pad` bytes follow its end, as with some cameras."""
+    """Write a small picture with a header; `pad` bytes follow its end, as with some cameras.
+
+    `gps` may be a longitude and latitude in degrees; True is the same place for all.
+    """
     rng = np.random.default_rng(seed)
     image = Image.fromarray(rng.integers(0, 255, (size[1], size[0], 3), dtype=np.uint8))
     exif = Image.Exif() if path.suffix.lower() not in (".tif", ".tiff") else ImageFileDirectory_v2()
     if camera:
         exif[271], exif[272] = camera
     if gps:
-        exif[0x8825] = dict(PLACE)
+        exif[0x8825] = dict(PLACE) if gps is True else place_of(*gps)
     image.save(path, **({"exif": exif} if isinstance(exif, Image.Exif) else {"tiffinfo": exif}))
     if pad:
         with path.open("ab") as file:
             file.write(rng.bytes(pad))
     return path
+
+
+def place_of(lon, lat):
+    """Return the GPS directory of a place in degrees."""
+
+    def parts(angle):
+        degrees, rest = divmod(abs(float(angle)), 1.0)
+        minutes, rest = divmod(60.0 * rest, 1.0)
+        return degrees, minutes, 60.0 * rest
+
+    return {1: "S" if lat < 0 else "N", 2: parts(lat), 3: "W" if lon < 0 else "E", 4: parts(lon)}
 
 
 def photographs(folder, count=6, pad=0, **rest):

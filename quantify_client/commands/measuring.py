@@ -18,8 +18,8 @@ from ..report import (
     to_json,
     write_report,
 )
-from ..report.words import coordinate_rows, printable
 from ..report.plain import plain
+from ..report.words import coordinate_rows, printable
 from ..types import AreaFailure, Measurement
 from .access import access_of
 from .shown import complain, stages

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
-from typing import Any, Mapping, Sequence
+from typing import Any, Mapping, Optional, Sequence
 
 from rich.console import Console
 
@@ -23,7 +23,7 @@ from ..small_files import real_path
 from ..types import Scaled
 from ..writing import require_replaceable
 from .access import access_of
-from .shown import stages
+from .shown import complain, stages
 
 __all__ = ["gcp", "scale_cloud"]
 
@@ -32,7 +32,7 @@ def scale_cloud(given: argparse.Namespace) -> int:
     """Make a cloud true to size, and write it and a page about it."""
     page = None if given.out is None else _page(given.out)
     if page is not None:
-        require_replaceable(page, [given.gcp, *given.sources])
+        require_replaceable(page, [given.gcp, given.area, *given.sources])
     with stages() as progress:
 
         def beside(scaled: Scaled, folder: Path) -> Sequence[str]:
@@ -46,6 +46,7 @@ def scale_cloud(given: argparse.Namespace) -> int:
             *given.sources,
             gcp=given.gcp,
             out=given.out,
+            area=given.area,
             scale_mode=given.scale_mode,
             crs=given.crs,
             source_unit=given.source_unit,
@@ -56,14 +57,22 @@ def scale_cloud(given: argparse.Namespace) -> int:
         )
     if given.json:
         print(json.dumps(_document(scaled), indent=2, allow_nan=False))
-        return 0
-    print_scaling(scaled.scaling, Console(), units=given.units)
+    else:
+        _show(scaled, page, given.units)
+    for failure in scaled.failures:
+        complain(f"{failure.name}: {failure.error}; it is not among the moved polygons", 1)
+    return 1 if scaled.failures else 0
+
+
+def _show(scaled: Scaled, page: Optional[Path], units: str) -> None:
+    print_scaling(scaled.scaling, Console(), units=units)
     for warning in scaled.warnings:
         print(f"Warning: {printable(warning)}")
     if scaled.out is not None:
         print(f"Cloud: {printable(scaled.out)}")
         print(f"Report: {printable(page)}")
-    return 0
+    if scaled.areas is not None:
+        print(f"Polygons: {printable(scaled.areas)}")
 
 
 def _write_page(scaled: Scaled, page: Path, units: str) -> None:
@@ -73,7 +82,7 @@ def _write_page(scaled: Scaled, page: Path, units: str) -> None:
 
 def _document(scaled: Scaled) -> Mapping[str, Any]:
     about = scaled.scaling, scaled.source, scaled.provenance, scaled.warnings
-    return scale_document(*about, scaled.out)
+    return scale_document(*about, scaled.out, scaled.areas, scaled.failures)
 
 
 def _page(out: Path) -> Path:
@@ -92,6 +101,8 @@ def gcp(given: argparse.Namespace) -> int:
     account = convert_control(given.file, to=given.to, out=given.out)
     if given.json:
         print(json.dumps(control_document(account), indent=2, allow_nan=False))
-        return 0
-    print_control(account, Console(), units=given.units)
-    return 0
+    else:
+        print_control(account, Console(), units=given.units)
+    for fault in account.faults:
+        complain(f"{account.source}: {fault}", 1)
+    return 1 if account.faults else 0

@@ -61,12 +61,10 @@ class Plan:
     def lines(self, control: Optional[str] = None) -> List[str]:
         """Summarise the job for people; `control` tells what becomes of theirs."""
         photos = self.photos
-        cameras = ", ".join(f"{name} ({count})" for name, count in photos.cameras.items())
         shown = " ".join(f"{name}={_word(value)}" for name, value in sorted(self.options.items()))
         return [
             f"{self.label}: {self.url} {self.engine}".rstrip(),
-            f"Photographs: {len(photos.photos)}, {photos.size / 1e6:.1f} MB, "
-            f"{photos.with_gps} with GPS, from {cameras}",
+            f"Photographs: {photos.words}",
             f"Control: {control or self.gcp or 'none is sent'}",
             f"Options: {shown}",
             f"Result: {'what measuring needs' if self.outputs else 'everything'}",
@@ -75,7 +73,7 @@ class Plan:
 
 
 def plan_job(
-    images: Iterable[Union[str, Path]],
+    images: Union[PhotoSummary, Iterable[Union[str, Path]]],
     url: str,
     token: Optional[str] = None,
     *,
@@ -97,7 +95,7 @@ def plan_job(
 
     Parameters
     ----------
-    images : files and folders.
+    images : files and folders; or what `check_photos` has found of them.
     url, token, ca, insecure : the node; or, with a `project`, the WebODM server.
     project : number of the project there that is to hold the task.
     access : who asks WebODM; by default what the environment says.
@@ -113,7 +111,10 @@ def plan_job(
     ServerError
         The node cannot be reached or refuses the token.
     """
-    photos = check_photos(images, allow_faulty=allow_faulty)
+    if isinstance(images, PhotoSummary):
+        photos = images
+    else:
+        photos = check_photos(images, allow_faulty=allow_faulty)
     if access is not None and project is not None:
         ca, insecure = access.ca or ca, access.insecure or insecure
     node = connect(url, token, project=project, access=access, ca=ca, insecure=insecure)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Dict, List, Optional, Tuple, Union
+from typing import Dict, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -16,10 +16,13 @@ from ..scaler.elevations import Elevations, solve_elevations
 from ..scaler.gcp_list import write_gcp_list
 from ..scaler.network import Network
 from ..scaler.nouns import Control
+from ..scaler.rivals import held_against_positions
 from ..scaler.survey import CloudPlace, build_network
+from ..scaler.verdict import FOUND_M
 from ..types import ControlAccount, ControlledPoint, DirectHeight
 from ..writing import require_replaceable
-from .site import free_site, height_notes
+from .site import Site, free_site, height_notes
+from .verdict import judged, verdict_on
 
 __all__ = ["convert_control"]
 
@@ -60,20 +63,10 @@ def convert_control(
     warnings = [*control.warnings, *height_notes(control, site), *notes]
     if any(place.accuracy is None for place in control.cloud.values()):
         warnings.append(f"places in the cloud have no accuracy: {_PLACE} is taken; give 'accuracy'")
-    solved: List[ControlledPoint] = []
-    direct: Tuple[DirectHeight, ...] = ()
-    left_out: List[str] = []
-    if to == "odm":
-        try:
-            found = solve_elevations(network)
-            local, crs = _placed(control, site.local)
-            solved = _points(network, found, local, site.level)
-            direct = tuple(found.direct)
-            warnings += [*found.notes, *_remarks(control, found, solved)]
-            left_out = _write(control, solved, local, crs, target)
-        except ControlError as error:
-            raise ControlError(f"{control.label}: {error}") from error
-    can, cannot = _judged(control, network)
+    verdict = verdict_on(control, site, network, places)
+    for_odm = _ForOdm() if to is None else _for_odm(control, site, network, target)
+    warnings += for_odm.notes
+    can, cannot = judged(control, network, verdict)
     return ControlAccount(
         source=control.label,
         crs=control.crs,
@@ -86,15 +79,51 @@ def convert_control(
         in_cloud=len(control.cloud),
         picks=len(control.picks),
         picked=len({pick.name for pick in control.picks}),
-        gps_scale_std=_gps_scale_std(network),
+        scale_std=max(verdict.scale_std, default=None),
+        found_m=FOUND_M[-1] if verdict.is_expected else None,
+        detectable_m=_least_sure(verdict.detectable_m),
+        faults=tuple(dict.fromkeys([*verdict.faults, *for_odm.faults])),
+        refused=verdict.refused,
         can=can,
         cannot=cannot,
-        solved=tuple(solved),
-        direct=direct,
+        solved=tuple(for_odm.solved),
+        direct=tuple(for_odm.direct),
         out=None if to is None else str(target),
-        left_out=tuple(left_out),
+        left_out=tuple(for_odm.left_out),
         warnings=tuple(warnings),
     )
+
+
+@dataclass(frozen=True)
+class _ForOdm:
+    """Elevations that were solved and written, and what is to be said of them."""
+
+    solved: Sequence[ControlledPoint] = ()
+    direct: Sequence[DirectHeight] = ()
+    left_out: Sequence[str] = ()
+    faults: Sequence[str] = ()
+    notes: Sequence[str] = ()
+
+
+def _for_odm(control: Control, site: Site, network: Network, target: Path) -> _ForOdm:
+    try:
+        _, wrong, said = held_against_positions(network)
+        if wrong:
+            raise ControlError(f"{said[0]}; nothing is written before that is mended")
+        found = solve_elevations(network)
+        local, crs = _placed(control, site.local)
+        solved = _points(network, found, local, site.level)
+        notes = [*found.notes, *_remarks(control, found, solved)]
+        left_out = _write(control, solved, local, crs, target)
+    except ControlError as error:
+        raise ControlError(f"{control.label}: {error}") from error
+    return _ForOdm(solved, found.direct, left_out, found.faults, notes)
+
+
+def _least_sure(sizes: Sequence[float]) -> Optional[float]:
+    """Return what would show in every length; None without any, or where one has no control."""
+    largest = max(sizes, default=math.inf)
+    return largest if math.isfinite(largest) else None
 
 
 def _own_place(control: Control, name: str) -> CloudPlace:
@@ -189,52 +218,3 @@ def _write(
     left_out = list(write_gcp_list(target, crs, coordinates, control.picks))
     missing = [name for name in control.points if name not in coordinates]
     return list(dict.fromkeys([*left_out, *missing]))
-
-
-def _gps_scale_std(network: Network) -> Optional[float]:
-    """Return how well positions alone fix a scale: sigma against the points' spread."""
-    placed = network.horizontal[network.placed]
-    if len(placed) < 2:
-        return None
-    weight = 1.0 / network.horizontal_sigma[network.placed] ** 2
-    middle = (placed * weight[:, None]).sum(axis=0) / weight.sum()
-    moment = float((weight[:, None] * (placed - middle) ** 2).sum())
-    return None if moment <= 0.0 else 1.0 / math.sqrt(moment)
-
-
-def _judged(control: Control, network: Network) -> Tuple[List[str], List[str]]:
-    """Say in words what the control can give, and what it cannot."""
-    can, cannot = [], []
-    reached = bool(control.cloud or control.picks)
-    lengths, unknown = len(network.spans()), int((network.placed & ~network.levelled).sum())
-    std = _gps_scale_std(network)
-    seen = Counter(pick.name for pick in control.picks)
-    single = [name for name, number in seen.items() if number == 1 and name not in control.cloud]
-    if single:
-        cannot.append(
-            f"a place in the cloud for {', '.join(single[:6])}: picked in one photograph only"
-        )
-    if lengths and reached:
-        can.append(f"the scale of a cloud, from {lengths} measured lengths")
-    elif std is not None and reached:
-        can.append(
-            f"the scale of a cloud, from positions alone: to {100 * std:.2g} %, so a volume to "
-            f"{300 * std:.2g} %"
-        )
-    if not reached:
-        cannot.append(
-            "the scale of a cloud: no point has a place in one ('cloud:') or picks in photographs "
-            "('images:')"
-        )
-    if not lengths:
-        cannot.append("a scale better than the positions: tape a distance, or lay out a scale bar")
-    if unknown and lengths:
-        can.append(f"elevations of up to {unknown} points, from slope distances (--to odm)")
-    elif unknown:
-        cannot.append(
-            f"elevations: {unknown} are unknown and no slope distance is taped; OpenDroneMap would "
-            "read 0 as a height"
-        )
-    if network.placed.any() and not unknown and control.picks:
-        can.append("a gcp_list.txt for OpenDroneMap (--to odm)")
-    return can, cannot

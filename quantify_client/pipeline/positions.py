@@ -17,6 +17,7 @@ from ..sfm.layout import CAMERAS, CONTROL_POSITIONS, SHOTS
 from ..sfm.outputs import Source
 from ..sfm.triangulation import triangulate
 from ..types import Bounds, FloatArray
+from ..writing import is_ours
 
 __all__ = ["cloud_places"]
 
@@ -61,6 +62,11 @@ def _given(source: Source, frame: Frame, control: Control, notes: List[str]) -> 
     xyz = np.array([place.xyz for place in control.cloud.values()], dtype=np.float64)
     moved = np.column_stack(frame.to_frame(*xyz.T.copy()))
     _require_near(source, control, xyz)
+    if any(is_ours(path) for path in source.files):
+        notes.append(
+            "the cloud was scaled before: places ('cloud:') of the delivered cloud do not fit it, "
+            "and would scale it once more; give them as they are in this cloud"
+        )
     default = _SPACINGS * _spacing(source, frame)
     missing = [name for name, place in control.cloud.items() if place.accuracy is None]
     if missing:

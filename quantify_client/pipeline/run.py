@@ -17,8 +17,8 @@ from ..sfm.outputs import open_source
 from ..streaming import Progress
 from ..types import Measurement, Options
 from .body import find_floor, measure_object
-from .common import cloud_warnings, coordinates_of, provenance
 from .checking import with_check_words
+from .common import cloud_warnings, coordinates_of, provenance
 from .placing import place_cloud
 from .scale_budget import with_scale
 from .terrain import measure_areas

@@ -5,28 +5,32 @@ from __future__ import annotations
 import time
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Callable, Optional, Sequence, Tuple, Union
+from typing import Any, Callable, Optional, Sequence, Tuple, Union
 
 from ..choices import check_options
-from ..cloud.rewrite import require_rewritable, rewrite_cloud
+from ..cloud.rewrite import RewriteReport, require_rewritable, rewrite_cloud
 from ..crs import PlacedFrame, measuring_frame
+from ..errors import UsageError
 from ..sfm.access import Access
 from ..sfm.outputs import Source, open_source
 from ..streaming import Progress
 from ..types import Bounds, FloatArray, Options, Scaled
+from ..writing import require_replaceable
 from .common import cloud_warnings, provenance
+from .moved import Moving, areas_beside, moved_areas, no_longer_fits
 from .placing import Placement, place_cloud
 
 __all__ = ["scale"]
 
 #: What of the options decides a scale.
-_OPTIONS = ("gcp", "scale_mode", "crs", "source_unit", "vertical_unit")
+_OPTIONS = ("gcp", "area", "scale_mode", "crs", "source_unit", "vertical_unit")
 
 
 def scale(
     *sources: Union[str, Path],
     gcp: Union[str, Path],
     out: Optional[Union[str, Path]] = None,
+    area: Optional[Any] = None,
     scale_mode: str = "auto",
     crs: Optional[str] = None,
     source_unit: Optional[str] = None,
@@ -43,6 +47,8 @@ def scale(
     gcp : control file.
     out : .laz or .las; None to only say what the transform is. The sources are never touched, and
         nothing but an earlier result of ours is replaced.
+    area : polygons that were drawn on the delivered cloud, as for :func:`measure`; they are written
+        beside `out`, as ``-areas.geojson``, moved with the cloud.
     scale_mode : ``"auto"``, ``"scale"``, ``"shift"`` or ``"full"``.
     crs, source_unit, vertical_unit : as in :class:`Options`.
     progress : called with the stage and the share done, from 0 to 1.
@@ -56,17 +62,17 @@ def scale(
         One line that says what was found, what was expected and what to do.
     """
     started, clock = datetime.now(timezone.utc), time.perf_counter()
-    given = Options(
+    asked = Options(
         gcp=gcp,
+        area=area,
         scale_mode=scale_mode,
         crs=crs,
         source_unit=source_unit,
         vertical_unit=vertical_unit,
     )
-    options = check_options(given)
+    options = check_options(asked)
     report = progress or (lambda stage, share: None)
-    if out is not None:
-        require_rewritable([*map(Path, sources), Path(gcp)], Path(out))
+    _require_places(out, [*map(Path, sources), Path(gcp)], area)
     with open_source(
         list(sources), cameras=True, access=access, progress=report, options=options
     ) as source:
@@ -75,6 +81,7 @@ def scale(
         if out is not None:
             require_rewritable(source.files, Path(out))
         placement = place_cloud(source, frame, options)
+        moving = _moving(source, placement, options, out, report)
 
         def result(more: Sequence[str] = ()) -> Scaled:
             seconds = time.perf_counter() - clock
@@ -82,13 +89,50 @@ def scale(
                 source=source.label,
                 scaling=placement.scaling,
                 out=None if out is None else str(out),
-                warnings=(*cloud_warnings(source, placement.frame), *more),
+                areas=None if moving.path is None else str(moving.path),
+                failures=moving.failures,
+                warnings=(*cloud_warnings(source, placement.frame), *moving.notes, *more),
                 provenance=provenance(source, options, started, seconds, only=_OPTIONS),
             )
 
+        def companions(cloud: RewriteReport, folder: Path) -> Sequence[str]:
+            names = [] if beside is None else list(beside(result(cloud.warnings), folder))
+            return [*names, *moving.write(placement.frame, folder)]
+
         if out is None:
             return result()
-        return _write(source, placement, Path(out), report, result, beside)
+        return _write(source, placement, Path(out), report, result, companions)
+
+
+def _moving(
+    source: Source,
+    placement: Placement,
+    options: Options,
+    out: Optional[Union[str, Path]],
+    report: Progress,
+) -> Moving:
+    """Return what becomes of polygons of the delivered cloud."""
+    if out is None:
+        return Moving()
+    if options.area is None:
+        return Moving(notes=(no_longer_fits(placement.frame, placement.bounds),))
+    return moved_areas(source, placement.frame, options, Path(out), report)
+
+
+def _require_places(
+    out: Optional[Union[str, Path]], inputs: Sequence[Path], area: Optional[Any]
+) -> None:
+    """Raise where a result has no place, or would replace what is not ours, or an input."""
+    if out is not None:
+        require_rewritable(inputs, Path(out))
+    if area is None:
+        return
+    if out is None:
+        raise UsageError(
+            "--area goes with --out FILE.laz: the moved polygons are written beside it"
+        )
+    given = [*inputs, area] if isinstance(area, (str, Path)) else inputs
+    require_replaceable(areas_beside(Path(out)), given)
 
 
 def _write(
@@ -97,7 +141,7 @@ def _write(
     out: Path,
     report: Progress,
     result: Callable[[Sequence[str]], Scaled],
-    beside: Optional[Callable[[Scaled, Path], Sequence[str]]],
+    companions: Callable[[RewriteReport, Path], Sequence[str]],
 ) -> Scaled:
     frame, info = placement.frame, source.cloud.info
 
@@ -114,7 +158,7 @@ def _write(
         _in_own_units(frame, placement.bounds),
         _crs(frame, info.crs),
         report,
-        beside and (lambda cloud, folder: beside(result(cloud.warnings), folder)),
+        companions,
     )
     return result(written.warnings)
 

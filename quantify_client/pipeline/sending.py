@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Collection, Optional, Set, Union
+from typing import Collection, Optional, Sequence, Set, Union
 
 from ..errors import ControlError
 from ..scaler.control import read_control
@@ -33,11 +33,13 @@ class ControlPlan:
     sent : the GCP file that OpenDroneMap is to have; None where it would do more harm than good.
     applied : whether the control sets the cloud's size right afterwards.
     said : the same in words, one line.
+    notes : what in it contradicts the rest, and how well the scale will be known.
     """
 
     sent: Optional[Path]
     applied: bool
     said: str
+    notes: Sequence[str] = ()
 
 
 def plan_control(gcp: Union[str, Path], images: Collection[str], out: Path) -> ControlPlan:
@@ -55,11 +57,25 @@ def plan_control(gcp: Union[str, Path], images: Collection[str], out: Path) -> C
     """
     account = convert_control(gcp)
     control = read_control(str(gcp))
+    if account.refused:
+        raise ControlError(f"{control.label}: {account.refused}; mend that before anything is sent")
     usable = _require_picks(control, images)
     if Path(gcp).suffix.lower() == ".txt" and account.levelled == account.points:
         # OpenDroneMap's own file, complete: its author means it to be used as it is.
         return ControlPlan(Path(gcp), False, "sent to the node as it is; it holds no lengths")
     _require_size(control, usable)
+    return replace(_sent(gcp, out), notes=_expected(account))
+
+
+def _expected(account: ControlAccount) -> Sequence[str]:
+    scale = [line for line in account.can if line.startswith("the scale")]
+    return (
+        *(f"control: {fault}" for fault in account.faults),
+        *(f"control can give {s}" for s in scale),
+    )
+
+
+def _sent(gcp: Union[str, Path], out: Path) -> ControlPlan:
     try:
         solved = convert_control(gcp, to="odm", out=out)
     except ControlError:

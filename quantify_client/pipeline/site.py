@@ -119,8 +119,8 @@ def target_of(frame: Frame, site: Site, mode: str) -> Target:
     return Target(place @ np.linalg.inv(_linear(slope)), crs, factor)
 
 
-def require_near(control: Control, site: Site, network: Network) -> None:
-    """Refuse control that is not at the cloud.
+def require_near(control: Control, site: Site, network: Network, what: str = "the cloud") -> None:
+    """Refuse control that is not at the cloud, or at `what` is there before it.
 
     Raises
     ------
@@ -133,14 +133,14 @@ def require_near(control: Control, site: Site, network: Network) -> None:
     apart = np.linalg.norm(network.horizontal[both] - network.cloud[both][:, :2], axis=1)
     if float(np.median(apart)) <= _FAR_M:
         return
-    where = f"{control.label}: the control is {np.median(apart) / 1000:,.0f} km from the cloud"
+    where = f"{control.label}: the control is {np.median(apart) / 1000:,.0f} km from {what}"
     if is_geographic(control.crs) and _near_when_swapped(control, site):
         raise ControlError(
             f"{where}, and near it with latitude and longitude exchanged: swap lat and lon"
         )
     raise ControlError(
         f"{where}; expected control of the same site: check its coordinates and its crs, and that "
-        "this is the right cloud"
+        "both are of one site"
     )
 
 

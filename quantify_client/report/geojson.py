@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Dict, List, Optional, Union
+from typing import TYPE_CHECKING, Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union
 
 import shapely
 from shapely.geometry.polygon import orient
@@ -12,15 +12,17 @@ from ..types import AreaFailure, AreaResult, Measurement
 from ..writing import GENERATOR
 from .flat import flat_properties
 from .jsonout import to_json
+from .plain import plain
 
 if TYPE_CHECKING:
     from ..crs import Frame
 
-__all__ = ["CLOUD_COORDINATES", "to_geojson"]
+__all__ = ["CLOUD_COORDINATES", "outlines_document", "to_geojson"]
 
 CLOUD_COORDINATES = "cloud coordinates, no CRS"
 WGS84_DECIMALS = 9  # 0.1 mm on the ground
 CLOUD_DECIMALS = 4
+OUTLINE_DECIMALS = 6  # of what is measured by again, perhaps a body of centimetres
 
 
 def to_geojson(measurement: Measurement) -> Dict[str, Any]:
@@ -74,9 +76,41 @@ def _geometry(
     if isinstance(result, AreaFailure) or result.relief is None:
         return None
     geometry = shapely.from_wkb(result.relief.polygon_wkb)
-    decimals = CLOUD_DECIMALS if frame is None else WGS84_DECIMALS
-    if frame is not None:
-        geometry = _to_wgs84(geometry, frame)
+    if frame is None:
+        return _written(geometry, CLOUD_DECIMALS)
+    return _written(_to_wgs84(geometry, frame), WGS84_DECIMALS)
+
+
+def outlines_document(
+    outlines: Sequence[Tuple[Mapping[str, Any], Any]], crs: Optional[str]
+) -> Dict[str, Any]:
+    """Return polygons and their properties in the coordinates of a cloud.
+
+    Parameters
+    ----------
+    outlines : properties, and a shapely Polygon or MultiPolygon in coordinates of `crs`.
+    crs : ``EPSG:n`` or WKT, x and y in this order; it stands in the ``crs`` member of the 2008
+        specification, as GIS programs read and write it. None: the cloud has none, and the
+        collection says so.
+    """
+    collection: Dict[str, Any] = {"type": "FeatureCollection", "generator": GENERATOR}
+    if crs is None:
+        collection["coordinate_reference"] = CLOUD_COORDINATES
+    else:
+        urn = f"urn:ogc:def:crs:EPSG::{crs[5:]}" if crs.upper().startswith("EPSG:") else crs
+        collection["crs"] = {"type": "name", "properties": {"name": urn}}
+    features = [
+        {
+            "type": "Feature",
+            "properties": plain(properties),
+            "geometry": _written(geometry, OUTLINE_DECIMALS),
+        }
+        for properties, geometry in outlines
+    ]
+    return {**collection, "features": features}
+
+
+def _written(geometry: Any, decimals: int) -> Dict[str, Any]:
     parts = [_rings(orient(part, 1.0), decimals) for part in shapely.get_parts(geometry)]
     if len(parts) == 1:
         return {"type": "Polygon", "coordinates": parts[0]}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Dict, Mapping, Optional, Sequence, Union
 
-from ..types import ControlledPoint, DirectHeight, ScaleObservation, Scaling
+from ..types import AreaFailure, ControlledPoint, DirectHeight, ScaleObservation, Scaling
 from .plain import plain
 
 __all__ = ["SCHEMA", "scale_document", "scale_json"]
@@ -40,16 +40,20 @@ def scale_document(
     provenance: Mapping[str, Any],
     warnings: Sequence[str],
     out: Optional[Union[str, Path]],
+    areas: Optional[str] = None,
+    failures: Sequence[AreaFailure] = (),
 ) -> Dict[str, Any]:
     """Return the document of the ``scale`` command (see ``scale_schema.json``).
 
-    `out` is the scaled cloud that was written, or None.
+    `out` is the scaled cloud that was written, `areas` the moved polygons; else None.
     """
     return {
         "schema": SCHEMA,
         "source": plain(source),
         "scale": scale_json(scaling),
         "out": None if out is None else plain(str(out)),
+        "areas": plain(areas),
+        "failures": [{"name": plain(f.name), "error": plain(f.error)} for f in failures],
         "warnings": plain(list(warnings)),
         "provenance": plain(provenance),
     }

@@ -10,7 +10,16 @@ import numpy as np
 from ..types import FloatArray, ScaleObservation
 from .solution import Adjustment
 
-__all__ = ["carried_by", "conflict", "judgements", "observations", "point_std", "root_mean_square"]
+__all__ = [
+    "carried_by",
+    "conflict",
+    "judgements",
+    "left_out",
+    "observations",
+    "point_std",
+    "root_mean_square",
+    "title",
+]
 
 _COMPONENTS = {"gps": ("east", "north"), "cloud": ("x", "y", "z")}
 _KINDS = {
@@ -77,7 +86,8 @@ def _names(found: Adjustment, row: int) -> Tuple[str, ...]:
     return (names[index],)
 
 
-def _title(found: Adjustment, row: int) -> str:
+def title(found: Adjustment, row: int) -> str:
+    """Name what a row observed: the tape A-B, the position of A."""
     kind, names = str(found.model.kind[row]), _names(found, row)
     if kind in ("distance", "scale_bar"):
         return f"{_KINDS[kind]} {names[0]}-{names[1]}"
@@ -110,7 +120,7 @@ def conflict(found: Adjustment) -> str:
     group = int(np.argmax(excess * np.where(np.isin(kinds, ("distance", "scale_bar")), 1.02, 1.0)))
     row, metres, sigmas = _disagreement(found, group)
     sigmas *= raised[group]
-    return f"{_title(found, row)} disagrees with the rest by {metres:.3f} m, {sigmas:.1f} sigma"
+    return f"{title(found, row)} disagrees with the rest by {metres:.3f} m, {sigmas:.1f} sigma"
 
 
 def carried_by(found: Adjustment) -> str:
@@ -145,14 +155,7 @@ def carried_by(found: Adjustment) -> str:
 
 def judgements(found: Adjustment) -> List[str]:
     """Say what was left out, which sigmas were raised, and which notes are contradicted."""
-    out = []
-    for group in found.outliers:
-        row, metres, sigmas = _disagreement(found, group)
-        out.append(
-            f"{_title(found, row)} disagrees with the rest by {metres:.2f} m, {sigmas:.0f} sigma, "
-            "and was left out; measure it again"
-        )
-    out += _or_the_point(found)
+    out = [*left_out(found), *_or_the_point(found)]
     for kind, factor in found.raised.items():
         out.append(
             f"{_KINDS[kind]}s fit {factor:.1f} times worse than their accuracies say: these were "
@@ -170,6 +173,18 @@ def judgements(found: Adjustment) -> List[str]:
                 f"{names[0]}-{names[1]}: {noted} was noted to be higher, but {seen} is by "
                 f"{abs(rise):.2f} m; correct the note, or look whether the points are swapped"
             )
+    return out
+
+
+def left_out(found: Adjustment) -> List[str]:
+    """Say of each observation that was left out by how much it contradicts the rest."""
+    out = []
+    for group in found.outliers:
+        row, metres, sigmas = _disagreement(found, group)
+        out.append(
+            f"{title(found, row)} disagrees with the rest by {metres:.2f} m, {sigmas:.0f} sigma, "
+            "and was left out; measure it again"
+        )
     return out
 
 

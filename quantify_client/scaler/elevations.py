@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ..errors import ControlError
 from ..types import DirectHeight, FloatArray
-from .account import judgements, point_std
+from .account import judgements, left_out, point_std
 from .adjust import adjust
 from .direct import direct_heights, relative_elevations
 from .fit import fit
@@ -35,6 +35,7 @@ class Elevations:
     std : (n, 3), relative to the reference where no elevation was known.
     reference : the point whose elevation the others are relative to; empty when some were known.
     direct : the paper's step for every pair.
+    faults : what contradicts the rest and was left out; also in `notes`.
     """
 
     points: FloatArray
@@ -42,6 +43,7 @@ class Elevations:
     reference: str
     direct: Sequence[DirectHeight]
     notes: Sequence[str]
+    faults: Sequence[str] = ()
 
 
 def solve_elevations(network: Network) -> Elevations:
@@ -96,7 +98,8 @@ def _with_cloud(network: Network) -> Elevations:
     unknown = (std[:, 2] > _UNKNOWN_M) & ~network.clouded
     points[unknown] = np.nan
     notes = [*found.warnings, *judgements(adjusted)]
-    return Elevations(points, std, reference, direct_heights(network, points[:, 2]), notes)
+    direct, faults = direct_heights(network, points[:, 2]), left_out(adjusted)
+    return Elevations(points, std, reference, direct, notes, faults)
 
 
 def _by_tapes(network: Network, reference: str) -> Elevations:
@@ -119,8 +122,8 @@ def _by_tapes(network: Network, reference: str) -> Elevations:
     adjusted = adjust(used, freedom, starts(used, freedom))
     points, std = adjusted.state.points.copy(), point_std(adjusted)
     points[~solved | (std[:, 2] > _UNKNOWN_M)] = np.nan
-    notes = judgements(adjusted)
-    return Elevations(points, std, reference, direct_heights(signed), notes)
+    notes, faults = judgements(adjusted), left_out(adjusted)
+    return Elevations(points, std, reference, direct_heights(signed), notes, faults)
 
 
 def _both(network: Network, known: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:

@@ -12,7 +12,7 @@ from ..errors import ControlError
 from ..types import FloatArray
 from .adjust import adjust
 from .network import Freedom, Network
-from .rivals import rivalry
+from .rivals import held_against_positions, rivalry
 from .similarity import FLAT, Similarity, spread
 from .solution import Adjustment
 from .start import scale_of_lengths, starts
@@ -51,6 +51,7 @@ class Fit:
         the middle of the control points, which stay in the cloud's own frame.
     tilt_std_deg, heading_std_deg, shift_std_m : None where they are not applied.
     place_std_m : of the middle's place, east, north, up; 0 where it is not moved or nothing tells.
+    rivals : which kinds of observations contradict each other as a whole; also in `warnings`.
     """
 
     adjustment: Adjustment
@@ -62,6 +63,7 @@ class Fit:
     shift_std_m: Optional[float]
     place_std_m: Tuple[float, float, float]
     warnings: Sequence[str]
+    rivals: Sequence[str] = ()
 
     @property
     def factor(self) -> float:
@@ -93,12 +95,16 @@ def fit(network: Network, mode: str, georeferenced: bool) -> Fit:
     if reason and mode != "auto":
         raise ControlError(f"--scale-mode {mode} is not possible: {reason}")
     placed = bool(network.placed.any())
+    whole = network
     network, freedom, notes = _freedom(network, mode, georeferenced)
     found = adjust(network, freedom, starts(network, freedom))
     _require_scale(found, reason)
     doubt, said = rivalry(found)
+    if network is not whole:  # without the positions, which may still contradict the lengths
+        _, beyond, against = held_against_positions(whole)
+        doubt, said = max(doubt, beyond), [*said, *against]
     if doubt > _HOPELESS:
-        raise ControlError(said[0].split("; half of")[0])
+        raise ControlError(said[-1].split("; half of")[0])
     notes += said
     wanted = ("shift" if georeferenced else "full") if mode == "auto" else mode
     chosen = "scale" if reason and mode == "auto" else wanted
@@ -114,7 +120,7 @@ def fit(network: Network, mode: str, georeferenced: bool) -> Fit:
         chosen = "scale"
     if chosen == "scale" and mode == "auto" and reason and placed:
         notes.append(f"only the scale is applied, the cloud stays where it is: {reason}")
-    return _applied(found, chosen, freedom, tilt, doubt, notes)
+    return replace(_applied(found, chosen, freedom, tilt, doubt, notes), rivals=tuple(said))
 
 
 def _require_apart(network: Network) -> None:

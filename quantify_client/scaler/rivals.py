@@ -2,23 +2,25 @@
 
 A tape with a wrong zero in every reading, or metres written for feet, makes no tape contradict the
 others: it makes the tapes contradict the positions. Such errors do not average out, and a raised
-sigma does not cover them.
+sigma does not cover them. Where no cloud ties the kinds to each other, lengths are held directly
+against the positions at their ends.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Dict, List, Tuple
+from typing import Dict, List, Optional, Tuple
 
 import numpy as np
+import numpy.typing as npt
 
 from .adjust import adjust
 from .network import Freedom, Network
 from .solution import Adjustment
 from .start import starts
 
-__all__ = ["rivalry"]
+__all__ = ["beside_positions", "held_against_positions", "rivalry", "with_lengths"]
 
 #: A kind whose sigmas were raised by less than this is only a little worse than said.
 _MUCH = 2.0
@@ -29,9 +31,16 @@ _APART = 3.3
 #: A scale known no better than this says nothing.
 _VAGUE = 0.2
 
+#: Only the size is unknown.
+_FIXED = Freedom(0, shift_xy=False, shift_z=False)
+
 _NAMES = {"gps": "positions", "distance": "tapes", "scale_bar": "scale bars"}
 
 _FOOT_M = 0.3048
+
+#: Slope distance / ground distance where the ground rises as much as it runs. Steeper slopes than
+#: that are climbed, not taped: where elevations are unknown a length may be longer by this.
+_STEEPEST = math.sqrt(2.0)
 
 
 def rivalry(found: Adjustment) -> Tuple[float, List[str]]:
@@ -43,26 +52,27 @@ def rivalry(found: Adjustment) -> Tuple[float, List[str]]:
     if max(found.raised.values(), default=1.0) < _MUCH and not found.outliers:
         return 0.0, []
     alone = {kind: scale for kind in _NAMES for scale in _alone(found, kind)}
-    worst, pair = 0.0, ("", "")
+    worst, pair, doubt = 0.0, ("", ""), 0.0
     for first in alone:
         for second in alone:
             apart = alone[first][0] - alone[second][0]
             sigma = math.hypot(alone[first][1], alone[second][1])
             if apart > max(worst, _APART * sigma):
-                worst, pair = apart, (first, second)
+                worst, pair, doubt = apart, (first, second), sigma
     if not worst:
         return 0.0, []
     large, small = (math.exp(alone[kind][0]) for kind in pair)
     said = (
         f"the {_NAMES[pair[0]]} alone say {large:.5g}, the {_NAMES[pair[1]]} alone {small:.5g}: "
-        f"one of them is wrong as a whole{_cause(small / large)}; half of the difference is added "
-        "to the scale's error"
+        f"one of them is wrong as a whole{_cause(small / large, doubt)}; half of the difference is "
+        "added to the scale's error"
     )
     return 0.5 * worst, [said]
 
 
-def _cause(ratio: float) -> str:
-    if abs(math.log(ratio / _FOOT_M)) < 0.05:
+def _cause(ratio: float, sigma: float) -> str:
+    """Guess why a ratio below 1, whose logarithm is known to `sigma`, is not 1."""
+    if abs(math.log(ratio / _FOOT_M)) < max(0.05, 2.0 * sigma):
         return " (are feet and metres mixed up?)"
     return " (its unit, its tape, its datum?)"
 
@@ -72,7 +82,7 @@ def _alone(found: Adjustment, kind: str) -> List[Tuple[float, float]]:
     network, freedom = _only(found.model.network, kind), found.model.freedom
     both = int((network.clouded & network.placed).sum())
     if kind != "gps":
-        freedom = Freedom(0, shift_xy=False, shift_z=False)
+        freedom = _FIXED
     elif both < (3 if freedom.turn == 3 else 2) or freedom.turn == 0:
         return []
     if kind != "gps" and not (~network.check).any():
@@ -92,3 +102,81 @@ def _only(network: Network, kind: str) -> Network:
         return network
     nothing = np.full_like(network.elevation, np.nan)
     return replace(network, horizontal=np.full_like(network.horizontal, np.nan), elevation=nothing)
+
+
+def held_against_positions(network: Network) -> Tuple[Optional[Adjustment], float, List[str]]:
+    """Adjust the lengths to the positions at their ends, which take the cloud's place.
+
+    Returns
+    -------
+    The adjustment (None where no length has a position at both ends); by how much the logarithm of
+    lengths / positions is outside what slopes and accuracies allow (0 where it is inside); and
+    that in words.
+    """
+    stand_in = beside_positions(network)
+    if stand_in is None:
+        return None, 0.0, []
+    found = adjust(stand_in, _FIXED, starts(stand_in, _FIXED))
+    column = found.model.scale_column
+    sigma = math.sqrt(float(found.covariance[column, column]))
+    ratio = found.state.log_scale
+    flat = bool(network.levelled[network.placed].all())
+    beyond = max(-ratio, ratio - (0.0 if flat else math.log(_STEEPEST)))
+    if beyond <= _APART * sigma:
+        return found, 0.0, []
+    said = (
+        f"the measured lengths are {math.exp(ratio):.3g} times those between the positions at "
+        f"their ends: one of them is wrong as a whole{_cause(math.exp(-abs(ratio)), sigma)}"
+    )
+    return found, beyond, [said]
+
+
+def beside_positions(network: Network) -> Optional[Network]:
+    """Return the lengths between points with positions, which are their places in a cloud.
+
+    Where elevations are unknown the points are level, and a length may be off by as much as it is
+    longer than the ground between them can be, up to the steepest slope.
+    """
+    placed = network.placed
+    up = np.where(network.levelled, network.elevation, _middle(network))
+    places = np.where(placed[:, None], np.column_stack([network.horizontal, up]), np.nan)
+    apart = np.linalg.norm(places[network.ends[:, 1]] - places[network.ends[:, 0]], axis=1)
+    chosen = np.nan_to_num(apart) > 0.0
+    if not chosen[network.spans()].any():
+        return None
+    spread = float(np.ptp(network.horizontal[placed], axis=0).max())
+    vertical = np.where(network.levelled, network.elevation_sigma, spread)
+    covariance = np.zeros((len(placed), 3, 3))
+    covariance[:, [0, 1], [0, 1]] = network.horizontal_sigma[:, None] ** 2
+    covariance[:, 2, 2] = vertical**2
+    steep = ~network.levelled[network.ends].all(axis=1)
+    least = apart - _APART * np.hypot(*network.horizontal_sigma[network.ends.T])
+    longer = np.clip(network.length - least, 0.0, (_STEEPEST - 1.0) * apart)
+    sigma = np.hypot(network.length_sigma, np.where(steep & chosen, longer, 0.0))
+    nothing = np.full_like(network.elevation, np.nan)
+    alone = replace(
+        network,
+        horizontal=np.full_like(network.horizontal, np.nan),
+        elevation=nothing,
+        cloud=places,
+        cloud_covariance=covariance,
+        length_sigma=sigma,
+    )
+    return with_lengths(alone, chosen)
+
+
+def _middle(network: Network) -> float:
+    return float(network.elevation[network.levelled].mean()) if network.levelled.any() else 0.0
+
+
+def with_lengths(network: Network, chosen: npt.NDArray[np.bool_]) -> Network:
+    """Return the network with some of its lengths."""
+    return replace(
+        network,
+        ends=network.ends[chosen],
+        length=network.length[chosen],
+        length_sigma=network.length_sigma[chosen],
+        bar=network.bar[chosen],
+        check=network.check[chosen],
+        higher=network.higher[chosen],
+    )

@@ -8,7 +8,7 @@ from typing import Mapping, Sequence, Tuple
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import solve_triangular
-from scipy.stats import chi2
+from scipy.stats import chi2, norm
 
 from ..types import FloatArray, IntArray
 from .network import Model, State
@@ -20,6 +20,9 @@ _ROBUST = 2.0
 
 #: Share of good surveys of which a test calls an observation bad, all observations together.
 _LEVEL = 0.01
+
+#: The share of errors of the size that is called detectable which the test finds (Baarda's power).
+_POWER = 0.8
 
 #: Steps damped more than this lead nowhere: the minimum is reached as well as numbers can tell.
 _STUCK = 1e8
@@ -68,6 +71,20 @@ class Adjustment:
         taken = self._rows[rows & self.active]
         normal = np.linalg.inv(self.covariance) - taken.T @ taken
         return float(np.sqrt(abs(np.linalg.inv(normal)[column, column])))
+
+    def detectable(self) -> FloatArray:
+        """(rows,) the smallest error in each that the test finds in four cases out of five, metres.
+
+        W. Baarda (1968): delta0 sigma / sqrt(redundancy), delta0 being the test's limit and the
+        quantile of its power together. Infinite where nothing controls it, NaN where left out.
+        """
+        limit = chi2.ppf(1.0 - _LEVEL / max(len(self.statistic), 1), 1)
+        delta0 = np.sqrt(limit) + norm.ppf(_POWER)
+        controlled = np.maximum(self.redundancy, 1e-300)
+        size = delta0 * self.sigma / np.sqrt(controlled)
+        return np.where(
+            self.redundancy > _UNCONTROLLED, size, np.where(self.active, np.inf, np.nan)
+        )
 
     def carries(self) -> FloatArray:
         """(rows,) share of what is known of the scale that goes with each row; NaN if left out."""

@@ -23,7 +23,8 @@ _STRIPS = ((273, 279), (324, 325))  # where strips and tiles begin, and how long
 _SUB_IFDS = 330  # where a DNG has its full picture
 _PARTS = {tag for pair in _STRIPS for tag in pair} | {_SUB_IFDS}
 _WIDTH, _HEIGHT, _MAKE, _MODEL, _GPS = 256, 257, 271, 272, 0x8825
-_LATITUDE, _LONGITUDE = 2, 4
+_SOUTH, _LATITUDE, _WEST, _LONGITUDE = 1, 2, 3, 4
+_PLACE = (_SOUTH, _LATITUDE, _WEST, _LONGITUDE)
 _UNKNOWN = "unknown camera"
 _MOST_IFDS = 64
 _MOST_PIECES = 1 << 16  # segments of a JPEG, chunks of a PNG
@@ -33,15 +34,16 @@ _FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # segments that tel
 
 
 class Header(NamedTuple):
-    """What a picture's header says: its size in pixels, make and model, and whether it has a place.
+    """What a picture's header says: its size in pixels, make and model, and where it was taken.
 
-    A place is latitude and longitude, and not the 0, 0 of a receiver without satellites.
+    `lonlat` is in degrees, WGS84; None without both, and for the 0, 0 of a receiver without
+    satellites.
     """
 
     width: int
     height: int
     camera: str
-    has_gps: bool
+    lonlat: Optional[Tuple[float, float]]
 
 
 def kind_of(path: Path) -> Optional[str]:
@@ -84,7 +86,7 @@ def header(path: Path, kind: str) -> Header:
     with suppress(ValueError, struct.error):  # odd EXIF costs its own facts, not the picture
         if exif is not None:
             return _described(io.BytesIO(exif), len(exif), size)
-    return Header(*size, _UNKNOWN, False)
+    return Header(*size, _UNKNOWN, None)
 
 
 def _described(file: BinaryIO, length: int, size: Optional[Tuple[int, int]]) -> Header:
@@ -96,22 +98,33 @@ def _described(file: BinaryIO, length: int, size: Optional[Tuple[int, int]]) -> 
         size = (_number(fields.get(_WIDTH)), _number(fields.get(_HEIGHT)))
         if 0 in size:
             raise ValueError("it tells no size")
-    place, has_gps = _number(fields.get(_GPS)), False
+    place, lonlat = _number(fields.get(_GPS)), None
     with suppress(ValueError, struct.error):
         if place:
-            has_gps = _is_place(directories.fields(place, (_LATITUDE, _LONGITUDE))[0])
+            lonlat = _lonlat(directories.fields(place, _PLACE)[0])
     words = [plain(str(fields[tag][0]).strip(), 40) for tag in (_MAKE, _MODEL) if fields.get(tag)]
-    return Header(*size, " ".join(words).strip() or _UNKNOWN, has_gps)
+    return Header(*size, " ".join(words).strip() or _UNKNOWN, lonlat)
 
 
 def _number(values: Optional[Sequence[Value]]) -> int:
     return int(values[0]) if values and not isinstance(values[0], str) else 0
 
 
-def _is_place(gps: Mapping[int, Sequence[Value]]) -> bool:
-    values = [*gps.get(_LATITUDE, ()), *gps.get(_LONGITUDE, ())]
-    numbers = [value for value in values if not isinstance(value, str) and abs(value) <= 360]
-    return len(numbers) == len(values) == 6 and any(numbers)
+def _lonlat(gps: Mapping[int, Sequence[Value]]) -> Optional[Tuple[float, float]]:
+    """Return longitude and latitude in degrees, east and north positive."""
+    lat, lon = (_degrees(gps.get(tag, ())) for tag in (_LATITUDE, _LONGITUDE))
+    if lat is None or lon is None or not (lat or lon):
+        return None
+    south, west = (str((gps.get(tag) or ("",))[0]).strip().upper() for tag in (_SOUTH, _WEST))
+    return (-lon if west.startswith("W") else lon, -lat if south.startswith("S") else lat)
+
+
+def _degrees(values: Sequence[Value]) -> Optional[float]:
+    """Return degrees, minutes and seconds as one number; None where they are none."""
+    numbers = [float(v) for v in values if not isinstance(v, str) and abs(v) <= 360]
+    if len(numbers) != 3 or len(values) != 3:
+        return None
+    return numbers[0] + numbers[1] / 60.0 + numbers[2] / 3600.0
 
 
 def _segments(file: BinaryIO) -> Iterator[Tuple[int, int, int]]:

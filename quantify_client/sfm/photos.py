@@ -12,7 +12,7 @@ import unicodedata
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Dict, Iterable, List, Mapping, Sequence, Tuple, Union
+from typing import Dict, Iterable, List, Mapping, Optional, Sequence, Tuple, Union
 
 from ..errors import InputError
 from ..small_files import real_path
@@ -38,7 +38,7 @@ _MOST_LOOKED_AT = 20_000  # files in folders within a folder
 class Photo:
     """A photograph: its file, its size in bytes and pixels, and what its header says.
 
-    `camera` is make and model; `has_gps` whether latitude and longitude are there.
+    `camera` is make and model; `lonlat` where it was taken, degrees on WGS84, or None.
     """
 
     path: Path
@@ -47,7 +47,12 @@ class Photo:
     width: int
     height: int
     camera: str
-    has_gps: bool
+    lonlat: Optional[Tuple[float, float]]
+
+    @property
+    def has_gps(self) -> bool:
+        """Whether latitude and longitude are there."""
+        return self.lonlat is not None
 
     @property
     def name(self) -> str:
@@ -72,6 +77,13 @@ class PhotoSummary:
     def with_gps(self) -> int:
         """How many photographs know where they were taken."""
         return sum(photo.has_gps for photo in self.photos)
+
+    @property
+    def words(self) -> str:
+        """Say in one line how many there are, how large, and from which cameras."""
+        cameras = ", ".join(f"{name} ({count})" for name, count in self.cameras.items())
+        size = f"{len(self.photos)}, {self.size / 1e6:.1f} MB"
+        return f"{size}, {self.with_gps} with GPS, from {cameras}"
 
     @property
     def cameras(self) -> Mapping[str, int]:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Mapping, Optional, Sequence, Tuple
+from typing import TYPE_CHECKING, Any, Mapping, Optional, Sequence, Tuple
+
+if TYPE_CHECKING:  # results hold a scaling
+    from .results import AreaFailure
 
 __all__ = ["ControlledPoint", "DirectHeight", "Matrix4", "ScaleObservation", "Scaled", "Scaling"]
 
@@ -135,6 +138,8 @@ class Scaled:
     Attributes
     ----------
     out : the file that was written; None when none was asked for.
+    areas : the file with the moved polygons; None when none were given.
+    failures : the polygons that could not be moved.
     warnings : concerning the cloud; :attr:`Scaling.warnings` concern the control.
     """
 
@@ -143,3 +148,5 @@ class Scaled:
     out: Optional[str]
     warnings: Sequence[str]
     provenance: Mapping[str, Any]
+    areas: Optional[str] = None
+    failures: Sequence[AreaFailure] = ()

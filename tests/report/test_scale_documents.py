@@ -58,7 +58,9 @@ def test_documents_follow_their_schemas(scaling: Scaling) -> None:
 
 def test_keys_are_those_of_the_design() -> None:
     made = document(scalings.everything(), Path("out/scaled.laz"))
-    assert list(made) == ["schema", "source", "scale", "out", "warnings", "provenance"]
+    assert list(made) == [
+        *("schema", "source", "scale", "out", "areas", "failures", "warnings", "provenance"),
+    ]
     assert made["out"] == str(Path("out/scaled.laz"))
     assert list(made["scale"]) == KEYS
     for row in made["scale"]["observations"]:

@@ -23,6 +23,9 @@ def tiff(entries, tail=b"", *, following=0):
     return head + table + struct.pack("<I", following) + tail
 
 
+GOLETA = (-(119 + 52 / 60 + 47.6 / 3600), 34 + 24 / 60 + 29.9 / 3600)
+
+
 def headed(path):
     return header(path, kind_of(path))
 
@@ -32,7 +35,14 @@ def headed(path):
 @pytest.mark.parametrize("gps", [True, False])
 def test_header_is_what_pillow_wrote(tmp_path, suffix, camera, gps):
     path = photograph(tmp_path / f"a{suffix}", gps=gps, camera=camera, size=(640, 32))
-    assert headed(path) == (640, 32, " ".join(camera or ["unknown camera"]), gps)
+    found = headed(path)
+    assert found[:3] == (640, 32, " ".join(camera or ["unknown camera"]))
+    assert found.lonlat == (pytest.approx(GOLETA) if gps else None)
+
+
+@pytest.mark.parametrize("place", [(11.586, 50.927), (-119.88, 34.41), (151.2, -33.87), (0, 51.5)])
+def test_the_place_is_that_of_all_four_quarters(tmp_path, place):
+    assert headed(photograph(tmp_path / "a.jpg", gps=place)).lonlat == pytest.approx(place)
 
 
 @pytest.mark.parametrize("options", [{"progressive": True}, {"optimize": True}, {"quality": 100}])
@@ -79,7 +89,7 @@ def test_exif_after_the_picture_of_a_png(tmp_path):
     length = 12 + struct.unpack(">I", data[place : place + 4])[0]
     exif, end = data[place : place + length], data.index(b"IEND") - 4
     path.write_bytes(data[:place] + data[place + length : end] + exif + data[end:])
-    assert headed(path).has_gps
+    assert headed(path).lonlat == pytest.approx(GOLETA)
 
 
 # Each entry claims all of the file, in each directory, of which each is in the next.
