@@ -29,6 +29,7 @@ class TiledCloud:
             bounds=_around([info.bounds for info in infos]),
             crs=crs,
             crs_origin=origin,
+            faces=sum(info.faces for info in infos),
             warnings=tuple(dict.fromkeys(w for info in infos for w in info.warnings)) + warnings,
         )
 

@@ -7,7 +7,7 @@ Frozen dataclasses only. Lengths, areas and volumes are in metres unless a name 
 from __future__ import annotations
 
 from .arrays import FloatArray, IntArray
-from .cloud import MAX_COORDINATE, Bounds, Chunk, CloudInfo, Window
+from .cloud import MAX_COORDINATE, Bounds, Chunk, CloudInfo, Faces, Window
 from .control import ControlAccount
 from .options import Options
 from .results import (
@@ -37,6 +37,7 @@ __all__ = [
     "ControlledPoint",
     "DirectHeight",
     "FloatArray",
+    "Faces",
     "Floor",
     "Gap",
     "IntArray",
