@@ -86,8 +86,8 @@ def _one_by_one(
     if element.count > _MOST_WALKED:
         raise CloudError(
             f"{path}: has {element.count} rows of '{element.name[:40]}' of differing length (or "
-            f"ends before them), of which at most {_MOST_WALKED} are gone over; export it again, as "
-            "triangles or without faces"
+            f"ends before them), of which at most {_MOST_WALKED} are gone over; export it again, "
+            "as triangles or without faces"
         )
     columns = "".join(_line(index, element) for index in range(len(element.properties)))
     package, size = plyfile(), path.stat().st_size
@@ -201,8 +201,8 @@ def _length(path: Path, line: str, column: int) -> int:
             raise ValueError(count)
     except (IndexError, ValueError):
         raise CloudError(
-            f"{path}: has a face {line.strip()[:60]!r}; expected how many corners it has, and their "
-            "numbers: export it again"
+            f"{path}: has a face {line.strip()[:60]!r}; expected how many corners it has, and "
+            "their numbers: export it again"
         ) from None
     return count
 

@@ -110,7 +110,7 @@ def _result(
     area = _area(here, mesh.triangles)
     std = None if recipe.accuracy is None else recipe.accuracy * area
     used = np.unique(mesh.triangles)
-    checks = ()
+    checks: Tuple[Check, ...] = ()
     if other_volume is not None:
         checks = (Check("polygons split elsewhere", abs(other_volume)),)
     return AreaResult(
@@ -199,7 +199,8 @@ def _split(points: FloatArray, faces: Faces) -> Union[Unfit, Tuple[IntArray, Opt
 def _fan(corners: IntArray) -> IntArray:
     """(F * (S - 2), 3) triangles of faces (F, S), all from the first corner."""
     first = np.repeat(corners[:, :1], corners.shape[1] - 2, axis=1)
-    return np.stack([first, corners[:, 1:-1], corners[:, 2:]], axis=2).reshape(-1, 3)
+    fan: IntArray = np.stack([first, corners[:, 1:-1], corners[:, 2:]], axis=2).reshape(-1, 3)
+    return fan
 
 
 def _start(points: FloatArray, corners: IntArray) -> IntArray:

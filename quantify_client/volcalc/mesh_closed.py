@@ -9,7 +9,7 @@ differ from the judged ones by less than its area times one step.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Iterator, Tuple, Union
+from typing import Any, Optional, Tuple, Union
 
 import numpy as np
 import numpy.typing as npt
@@ -46,7 +46,7 @@ class Unfit:
     """
 
     reason: str
-    face: Union[int, None] = None
+    face: Optional[int] = None
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,7 @@ class _Edges:
         self._count = np.diff(np.append(first, len(order)))
         self._sum = np.add.reduceat(np.where(start < end, 1, -1)[order], first)
 
-    def fault(self) -> Union[Unfit, None]:
+    def fault(self) -> Optional[Unfit]:
         """Return what leaves the surface open, or turns it over; None where nothing does."""
         open_, uneven = self._count == 1, self._sum != 0
         for bad, plural in (
@@ -181,10 +181,9 @@ def _winding(points: FloatArray, number: IntArray, patch: IntArray) -> Union[boo
     all along one side of a patch: one face of each is asked. Everywhere it must be 0 or 1 (or 0 or
     -1, where all faces point inwards): then the sum over faces is the volume within.
     """
-    inner: IntArray = np.zeros(0, dtype=np.int64)
-    for faces, sides in _sides(points, number, patch):
-        inner = np.concatenate([inner, sides])
-        del faces
+    inner = _inner_sides(points, number, patch)
+    if inner is None:
+        return Unfit("no direction tells its inside from its outside")
     if (inner == 1).all():
         return False
     if (inner == 0).all():
@@ -197,25 +196,25 @@ def _winding(points: FloatArray, number: IntArray, patch: IntArray) -> Union[boo
     return Unfit("some of its parts have faces that point inwards, others outwards")
 
 
-def _sides(
-    points: FloatArray, number: IntArray, patch: IntArray
-) -> Iterator[Tuple[IntArray, IntArray]]:
-    """Yield faces, one of each patch, and the larger winding number of their two sides.
+def _inner_sides(points: FloatArray, number: IntArray, patch: IntArray) -> Optional[IntArray]:
+    """(P,) the larger of the winding numbers on the two sides of each patch; None if unknown.
 
-    It is counted along a line from a point of the face to infinity. Where the line passes an edge
+    It is counted along a line from a point of the patch to infinity. Where the line passes an edge
     too closely to tell on which side, another point and another direction are tried.
     """
-    _, asked = np.unique(patch, return_index=True)
+    _, face = np.unique(patch, return_index=True)
+    inner: IntArray = np.zeros(len(face), dtype=np.int64)
+    left = np.arange(len(face))
     for attempt in range(1, _TRIES + 1):
         lean = np.array([*_LEAN, 0.0]) * attempt
-        leaning = points + points[:, 2:] * lean
         weights = np.array(_WEIGHTS) ** attempt
-        found, certain = _counted(leaning, number, asked, weights / weights.sum())
-        yield asked[certain], found[certain]
-        asked = asked[~certain]
-        if not len(asked):
-            return
-    yield asked, np.full(len(asked), 2)  # nothing tells: not to be trusted
+        leaning = points + points[:, 2:] * lean
+        found, certain = _counted(leaning, number, face[left], weights / weights.sum())
+        inner[left] = found
+        left = left[~certain]
+        if not len(left):
+            return inner
+    return None
 
 
 def _counted(
@@ -235,27 +234,22 @@ def _counted(
         passed, sure = _passed(corners[face], place[line])
         above += np.bincount(line, passed, len(asked))
         certain[line[~sure]] = False
-    a, b, c = (corners[asked][:, corner, :2] for corner in range(3))
-    own, sure = _turns(a, b, c)
+    own, sure = _turns(*corners[asked].transpose(1, 0, 2))
     return (above + np.maximum(own, 0)).astype(np.int64), certain & sure
 
 
 def _passed(corners: FloatArray, place: FloatArray) -> Tuple[FloatArray, Any]:
     """(P,) how often lines upwards leave through faces (-1: enter), and whether it is certain."""
     a, b, c = (corners[:, corner] for corner in range(3))
-    at = place[:, :2]
-    turns, sure = zip(*(_turns(p[:, :2], q[:, :2], at) for p, q in ((a, b), (b, c), (c, a))))
-    way = np.where(turns[0] == turns[1], np.where(turns[1] == turns[2], turns[0], 0.0), 0.0)
-    # A line that surely passes one edge outside misses the face, whatever the others say.
-    whole, sound = _turns(a[:, :2], b[:, :2], c[:, :2])
-    misses = np.any([s & (t != whole) for s, t in zip(sure, turns)], axis=0) & sound
+    whole, sound = _turns(a, b, c)
+    turns, sure = zip(*(_turns(one, two, place) for one, two in ((a, b), (b, c), (c, a))))
+    # Surely outside of one edge is outside, whatever the others say.
+    misses = sound & np.any([s & (turn != whole) for turn, s in zip(turns, sure)], axis=0)
     normal = np.cross(b - a, c - a)
     height = np.einsum("pi,pi->p", normal, a - place) * whole
     scale = np.einsum("pi,pi->p", np.abs(normal), np.abs(a) + np.abs(place))
-    higher = height > 0.0
-    known = np.abs(height) > 2.0 * _CERTAIN * scale
-    inside = np.all(sure, axis=0) & sound & known
-    return np.where(inside & ~misses & higher, way, 0.0), misses | inside
+    hits = sound & np.all(sure, axis=0) & ~misses & (np.abs(height) > 2.0 * _CERTAIN * scale)
+    return np.where(hits & (height > 0.0), whole, 0.0), hits | misses
 
 
 def _turns(a: FloatArray, b: FloatArray, c: FloatArray) -> Tuple[FloatArray, Any]:

@@ -53,7 +53,8 @@ def meeting(points: IntArray, triangles: IntArray, normal: IntArray) -> Optional
     for first, second in overlaps(tree, tree):
         bad = _meet(points, triangles, normal, first, second)
         if bad.any():
-            return np.unique([first[bad], second[bad]])
+            found: IntArray = np.unique([first[bad], second[bad]])
+            return found
     return None
 
 
@@ -71,9 +72,8 @@ def _meet(
     turn_two = np.argmax(there ^ alone[:, None], axis=1)
     one = np.take_along_axis(one, _TURNED[turn_one], axis=1)
     two = np.take_along_axis(two, _TURNED[turn_two], axis=1)
-    bad = shared == 3
-    tests = {0: _apart, 1: _at_a_corner, 2: _at_an_edge}
-    for count, test in tests.items():
+    bad: Mask = shared == 3
+    for count, test in ((0, _apart), (1, _at_a_corner), (2, _at_an_edge)):
         pair = np.flatnonzero(shared == count)
         bad[pair] = test(points, one[pair], two[pair], normal[first[pair]], normal[second[pair]])
     return bad
@@ -86,13 +86,14 @@ def _at_an_edge(
     flat = _side(normal, points[two[:, 0]] - points[one[:, 0]]) == 0
     along = one[:, 1] == two[:, 1]
     alike = np.sum(normal.astype(np.float64) * other, axis=1) > 0.0
-    return flat & (along == alike)
+    folded: Mask = flat & (along == alike)
+    return folded
 
 
 def _at_a_corner(
     points: IntArray, one: IntArray, two: IntArray, normal: IntArray, other: IntArray
 ) -> Mask:
-    """Whether triangles with a common corner meet elsewhere: where one's far edge meets the other."""
+    """Whether triangles with a common corner meet elsewhere: a far edge meets the other one."""
     bad = _pierces(points, one[:, 1:], two, other)
     bad |= _pierces(points, two[:, 1:], one, normal)
     return bad
@@ -102,7 +103,7 @@ def _apart(
     points: IntArray, one: IntArray, two: IntArray, normal: IntArray, other: IntArray
 ) -> Mask:
     """Whether triangles without a common corner meet: an edge of one meets the other."""
-    near = _reaches(points, two, one, normal)
+    near: Mask = _reaches(points, two, one, normal)
     near[near] = _reaches(points, one[near], two[near], other[near])
     pair = np.flatnonzero(near)
     bad = np.zeros(len(pair), dtype=bool)
@@ -117,7 +118,8 @@ def _reaches(points: IntArray, one: IntArray, two: IntArray, normal: IntArray) -
     """Whether triangles have points in, or on both sides of, the planes of others."""
     foot = points[two[:, 0]]
     sides = [_side(normal, points[one[:, corner]] - foot) for corner in range(3)]
-    return np.abs(sides[0] + sides[1] + sides[2]) != 3
+    reaching: Mask = np.abs(sides[0] + sides[1] + sides[2]) != 3
+    return reaching
 
 
 def _pierces(points: IntArray, edge: IntArray, triangle: IntArray, normal: IntArray) -> Mask:
@@ -125,7 +127,7 @@ def _pierces(points: IntArray, edge: IntArray, triangle: IntArray, normal: IntAr
     foot = points[triangle[:, 0]]
     start = _side(normal, points[edge[:, 0]] - foot)
     end = _side(normal, points[edge[:, 1]] - foot)
-    hit = start * end <= 0
+    hit: Mask = start * end <= 0
     flat = (start == 0) & (end == 0)
     pair = np.flatnonzero(hit & ~flat)
     p, q = points[edge[pair, 0]], points[edge[pair, 1]]
@@ -154,13 +156,15 @@ def _meets_in_plane(edge: IntArray, triangle: IntArray, normal: IntArray) -> Mas
         across = (inside[-1] * _turn(a, b, q) <= 0) & (_turn(p, q, a) * _turn(p, q, b) <= 0)
         near = (np.minimum(a, b) <= np.maximum(p, q)) & (np.minimum(p, q) <= np.maximum(a, b))
         hit |= across & near.all(axis=1)
-    return hit | (np.min(inside, axis=0) > 0) | (np.max(inside, axis=0) < 0)
+    hit |= (np.min(inside, axis=0) > 0) | (np.max(inside, axis=0) < 0)
+    return hit
 
 
 def _turn(a: IntArray, b: IntArray, c: IntArray) -> Signs:
     """(P,) 1 where the way from a over b to c turns left, -1 right, 0 not at all."""
     one, two = b - a, c - a
-    return np.sign(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0])
+    turn: Signs = np.sign(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0])
+    return turn
 
 
 def _cross(one: IntArray, two: IntArray) -> IntArray:
@@ -174,4 +178,5 @@ def _side(normal: IntArray, way: IntArray) -> Signs:
     high: Any = np.sum((normal >> _LOW) * way, axis=1)
     low: Any = np.sum((normal & _MASK) * way, axis=1)
     high += low >> _LOW
-    return np.where(high != 0, np.sign(high), np.sign(low & _MASK))
+    sign: Signs = np.where(high != 0, np.sign(high), np.sign(low & _MASK))
+    return sign
