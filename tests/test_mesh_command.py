@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import subprocess
-import sys
 
 import laspy
 import numpy as np
@@ -221,13 +219,3 @@ def test_face_with_a_corner_that_is_no_point_is_one_line(ring, run):
     status, out, err = run("volume", ring)
     assert (status, out, err.count("\n")) == (1, "", 1)
     assert "has the corner 16777215" in err
-
-
-def test_terrain_and_plugin_do_without_plyfile():
-    """It is GPL: a requirement of the command, and of nothing that WebODM loads."""
-    code = (
-        "import sys; sys.modules['plyfile'] = None\n"
-        "import quantify_client, quantify_client.pipeline.run, quantify_client.report.saved\n"
-        "import quantify_client.cli, quantify_client.cloud\n"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True)
