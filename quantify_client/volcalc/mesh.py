@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import List, Optional, Tuple, Union
+from typing import Iterator, List, Optional, Tuple, Union
 
 import numpy as np
 
@@ -34,6 +34,8 @@ _AUTO_SLICES = 50
 
 #: Numbers of slices whose plain sum of boxes the report shows, as for other bodies.
 _CONVERGENCE = (5, 10, 20, 50, 100, 200, 500, 1000)
+
+_BLOCK = 200_000  # triangles whose shares are reckoned together
 
 _MOST_POINTS = 20_000  # in the report's picture
 
@@ -244,16 +246,28 @@ def surface_of_mesh(points: FloatArray, triangles: IntArray) -> Surface:
     number = np.take_along_axis(triangles, order, axis=1)
     corners = points[number]
     # The body lies to the left where the corners, from the lowest up, turn left seen from outside.
-    odd = np.linalg.det(np.eye(3)[order]) < 0.0
-    return Surface(
-        corners, number, np.where(odd, -1.0, 1.0), corners[:, 0, 2].copy(), corners[:, 2, 2].copy()
-    )
+    sign = np.where((order[:, 1] - order[:, 0]) % 3 == 1, 1.0, -1.0)
+    return Surface(corners, number, sign, corners[:, 0, 2], corners[:, 2, 2])
+
+
+def _parts(surface: Surface) -> Iterator[Surface]:
+    """Yield some triangles at a time: areas and volumes of all are the sums of theirs."""
+    for start in range(0, len(surface.sign), _BLOCK):
+        part = slice(start, start + _BLOCK)
+        yield Surface(
+            surface.corners[part],
+            surface.number[part],
+            surface.sign[part],
+            surface.bottom[part],
+            surface.top[part],
+        )
 
 
 def _slices(
     surface: Surface, edges: FloatArray, heights: FloatArray, zero: float
 ) -> Tuple[Slice, ...]:
-    volumes = np.diff(surface.volume_below(edges))
+    below: FloatArray = np.sum([part.volume_below(edges) for part in _parts(surface)], axis=0)
+    volumes = np.diff(below)
     held = np.histogram(np.clip(heights, edges[0], edges[-1]), edges)[0]
     middles, height = 0.5 * (edges[1:] + edges[:-1]) + zero, float(edges[1] - edges[0])
     return tuple(
@@ -267,8 +281,9 @@ def _drawn(points: FloatArray, origin: FloatArray, surface: Surface, edges: Floa
     rows = []
     for count in _CONVERGENCE:
         some = np.linspace(surface.lowest, surface.highest, count + 1)
-        boxes = surface.areas(0.5 * (some[1:] + some[:-1])) * np.diff(some)
-        rows.append((count, float(boxes.sum())))
+        middles = 0.5 * (some[1:] + some[:-1])
+        areas = sum(float(part.areas(middles).sum()) for part in _parts(surface))
+        rows.append((count, areas * float(some[1] - some[0])))
     none = np.zeros((0, 3), dtype=np.float32)
     step = max(1, math.ceil(len(points) / _MOST_POINTS))
     x, y, z = origin.tolist()

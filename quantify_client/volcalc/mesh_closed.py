@@ -22,8 +22,8 @@ from .mesh_crossing import BITS, meeting, normals
 
 __all__ = ["MOST_FACES", "Closed", "Unfit", "closed"]
 
-#: Of one mesh: the search for faces that meet takes about 15 s and 300 bytes for each million.
-MOST_FACES = 10_000_000
+#: Of one mesh: the search for faces that meet takes about 15 s and 0.5 GB for each million.
+MOST_FACES = 5_000_000
 
 #: Where a face is asked which side of it is inside, and in which direction: numbers without a
 #: simple relation, so that nothing built by a plan lines up with them; others where one does.

@@ -56,7 +56,9 @@ def test_a_step_of_the_grid_is_told_at_the_largest_coordinates():
     face = np.array([[0, 0, 3], [4, 1, 0], [1, 4, 0]]) * scale
     tip = face.sum(axis=0) // 3
     for step, meets in ((0, True), (1, False), (-1, True)):
-        points = np.vstack([face, tip + [0, 0, step], np.array([[4, 4, 4], [4, 3, 4]]) * scale])
+        points = np.vstack(
+            [face, tip + np.array([0, 0, step]), np.array([[4, 4, 4], [4, 3, 4]]) * scale]
+        )
         faces = np.array([[0, 1, 2], [3, 4, 5]])
         found = meeting(points, faces, normals(points, faces))
         assert (found is not None) == meets, step
