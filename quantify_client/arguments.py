@@ -129,6 +129,12 @@ def add_measuring(parser: argparse.ArgumentParser) -> None:
         help="object: what it stands on; the ground is left out and the body closed there",
     )
     add(
+        "--accuracy",
+        type=_length,
+        metavar="LENGTH",
+        help="object: standard deviation of the surface of a closed mesh; gives it an interval",
+    )
+    add(
         "--gcp", metavar="FILE", help="control: set the cloud's size right by taped distances first"
     )
     add("--scale-mode", choices=MODES, default="auto", help="with --gcp: what is set right")

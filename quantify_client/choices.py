@@ -76,10 +76,16 @@ def _check_object(options: Options) -> None:
         raise UsageError(f"--max-gap is {gap}; give a length above 0")
     if floor not in _FLOORS if isinstance(floor, str) else not math.isfinite(floor):
         raise UsageError(f"--floor is {floor}; give {', '.join(_FLOORS)} or an elevation")
+    accuracy = options.accuracy
+    if accuracy is not None and not 0 < accuracy < math.inf:
+        raise UsageError(f"--accuracy is {accuracy}; give a length above 0")
     if options.center_caps and options.method == "section":
         raise UsageError("--center-caps goes with --method polar: leave one of them out")
-    if options.method == "polar" and (options.hollow or gap is not None or floor != "auto"):
-        raise UsageError("--hollow, --max-gap and --floor go with --method section, not polar")
+    of_sections = options.hollow or gap is not None or floor != "auto" or accuracy is not None
+    if options.method == "polar" and of_sections:
+        raise UsageError(
+            "--hollow, --max-gap, --floor and --accuracy go with --method section, not polar"
+        )
 
 
 def _check_control(options: Options) -> None:
@@ -114,14 +120,15 @@ def choose_shape(options: Options, *, has_crs: bool, is_odm: bool) -> str:
         or options.hollow
         or options.max_gap is not None
         or options.floor != "auto"
+        or options.accuracy is not None
     )
     for_terrain = options.base is not None
     if options.shape not in ("auto", "terrain", "object"):
         raise UsageError(f"--shape is {options.shape}; give auto, terrain or object")
     if for_object and (for_terrain or options.shape == "terrain"):
         raise UsageError(
-            "--method, --center-caps, --hollow, --max-gap and --floor go with --shape object, "
-            "--base with --shape terrain"
+            "--method, --center-caps, --accuracy, --hollow, --max-gap and --floor go with "
+            "--shape object, --base with --shape terrain"
         )
     if options.shape == "object" and for_terrain:
         raise UsageError("--base goes with --shape terrain: leave one of them out")

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Callable, Dict, Mapping, Optional, Sequence
 
 from ..errors import CloudError
-from .base import DEFAULT_CHUNK, Cloud, naming
+from .base import DEFAULT_CHUNK, Cloud, Mesh, naming
 from .copc import open_las
 from .ept import EptCloud
 from .ept_index import Fetch
@@ -17,7 +17,7 @@ from .ply import PlyCloud
 from .text import TextCloud
 from .tiles import TiledCloud, require_distinct
 
-__all__ = ["DEFAULT_CHUNK", "SUFFIXES", "Cloud", "Fetch", "open_cloud", "refuse_impostor"]
+__all__ = ["DEFAULT_CHUNK", "SUFFIXES", "Cloud", "Fetch", "Mesh", "open_cloud", "refuse_impostor"]
 
 _READERS: Dict[str, Callable[[Path], Cloud]] = {
     ".las": open_las,

@@ -9,13 +9,13 @@ from __future__ import annotations
 import math
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Dict, Iterable, Iterator, Optional, Protocol, Tuple
+from typing import Any, Dict, Iterable, Iterator, Optional, Protocol, Tuple, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
 
 from ..errors import CloudError, QuantifyError
-from ..types import MAX_COORDINATE, Bounds, Chunk, CloudInfo, FloatArray, Window
+from ..types import MAX_COORDINATE, Bounds, Chunk, CloudInfo, Faces, FloatArray, Window
 
 DEFAULT_CHUNK = 1_000_000
 """Points in a chunk: enough to hide the cost of Python, few enough to stay far below 100 MB."""
@@ -40,6 +40,18 @@ class Cloud(Protocol):
         `window` (the cloud's own coordinates) is a hint: what does not touch it may be skipped,
         points outside may still come. Raises :class:`CloudError` when fewer points can be read
         than the header promises, or when a coordinate is not finite.
+        """
+        ...
+
+
+@runtime_checkable
+class Mesh(Cloud, Protocol):
+    """A cloud whose points may be the corners of faces."""
+
+    def faces(self) -> Optional[Faces]:
+        """Return the faces, whose corners are numbers of points in the order of `chunks`; or None.
+
+        Raises :class:`CloudError` where they are damaged.
         """
         ...
 

@@ -1,6 +1,8 @@
-"""PLY: ascii and binary of both byte orders.
+"""PLY: ascii and binary of both byte orders, points and the faces that may join them.
 
-Binary points are read, not mapped into memory: a file that shrinks meanwhile would end the process.
+plyfile reads the header and whatever rows differ in length. Points are read here, in the layout
+that it tells: it reads them either all at once through a memory map, and a file that shrinks
+meanwhile would end the process, or value by value, in some hundred times as long.
 PLY has no bounds in its header: opening reads the points once.
 """
 
@@ -14,10 +16,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import CloudError
-from ..types import Bounds, Chunk, CloudInfo, FloatArray, Window
+from ..types import Bounds, Chunk, CloudInfo, Faces, FloatArray, Window
 from .base import DEFAULT_CHUNK, naming, require_finite, sort_out, survey
 from .lines import Lines
-from .ply_header import PlyHeader, read_header, vertex_offset
+from .ply_header import PlyHeader, read_header
+from .ply_rows import FACES, element_offset, faces_of, read_faces
 
 _AGAIN = "expected a complete PLY file: copy, download or export it again"
 _CLASS = "classification"
@@ -34,17 +37,24 @@ class PlyCloud:
         with naming(path, _AGAIN), path.open("rb") as stream:
             self._header = read_header(path, stream)
             if self._header.order:
-                self._offset = vertex_offset(path, self._header)
+                self._offset = element_offset(path, self._header, self._header.vertex)
                 self._require_size()
         count, bounds = survey(self.chunks())
+        rows = faces_of(self._header)
         self.info = CloudInfo(
             sources=(str(path),),
             format="ply",
             point_count=count,
             bounds=bounds,
             crs=None,
-            warnings=_rounding(path, self._header, bounds),
+            warnings=(*_rounding(path, self._header, bounds), *_unread(path, self._header)),
+            faces=rows.element.count if rows else 0,
         )
+
+    def faces(self) -> Optional[Faces]:
+        """Return the faces of a mesh, None for a cloud; CloudError where they are damaged."""
+        rows = faces_of(self._header)
+        return rows and read_faces(self._path, self._header, rows)
 
     def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
         """Deliver all points in file order; there is no index, so `window` has no effect."""
@@ -127,7 +137,7 @@ def ascii_rows(
     lines = Lines(path, stream, _AGAIN)
     count, done = header.vertex.count, 0
     with naming(path, _AGAIN):
-        lines.skip(header.lines + sum(element.count for element in header.before))
+        lines.skip(header.lines + sum(other.count for other in header.before(header.vertex)))
     while done < count:
         with naming(path, _AGAIN):
             rows = lines.take(min(size, _LINES, count - done))
@@ -161,4 +171,15 @@ def _rounding(path: Path, header: PlyHeader, bounds: Optional[Bounds]) -> Tuple[
     return (
         f"{path}: coordinates in single precision resolve only {step:g} at {max(reach):.0f}; "
         "export with double precision, or use the LAZ file",
+    )
+
+
+def _unread(path: Path, header: PlyHeader) -> Tuple[str, ...]:
+    """Warn of faces that cannot be read."""
+    count = sum(e.count for e in header.elements if e.name.lower() in FACES)
+    if not count or faces_of(header) is not None:
+        return ()
+    return (
+        f"{path}: has {count} faces whose corners cannot be read (no list 'vertex_indices' before "
+        "other lists); only its vertices count",
     )

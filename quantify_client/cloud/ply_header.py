@@ -1,30 +1,23 @@
-"""The header of a PLY file: which elements it has, and what one of their rows looks like."""
+"""The header of a PLY file: which elements it has, and what one of their rows looks like.
+
+Names, types and layouts are read by plyfile; counts are not shown to it before they were held
+against the file's size.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO, Dict, List, Optional, Tuple
+from typing import Any, BinaryIO, Dict, List, Optional, Tuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ..errors import CloudError
 
-ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": ""}
 _BLOCK = 1 << 20  # bytes of rows at a time
-_TYPES = {
-    **dict.fromkeys(("char", "int8"), "i1"),
-    **dict.fromkeys(("uchar", "uint8"), "u1"),
-    **dict.fromkeys(("short", "int16"), "i2"),
-    **dict.fromkeys(("ushort", "uint16"), "u2"),
-    **dict.fromkeys(("int", "int32"), "i4"),
-    **dict.fromkeys(("uint", "uint32"), "u4"),
-    **dict.fromkeys(("float", "float32"), "f4"),
-    **dict.fromkeys(("double", "float64"), "f8"),
-}
 _MAX_HEADER = 1 << 20
-_MOST_WALKED = 5_000_000  # rows one by one: some seconds
 _MAX_COLUMNS = 1000  # properties of an element; sixty are many
 
 
@@ -84,10 +77,21 @@ class PlyHeader:
             found.setdefault(column.name.lower(), index)
         return found
 
-    @property
-    def before(self) -> Tuple[Element, ...]:
-        """The elements whose rows come before the points."""
-        return self.elements[: self.elements.index(self.vertex)]
+    def before(self, element: Element) -> Tuple[Element, ...]:
+        """Return the elements whose rows come before those of one of them."""
+        return self.elements[: self.elements.index(element)]
+
+
+def plyfile() -> Any:
+    """Return the package that knows PLY; imported here, since the plugin for WebODM has none."""
+    try:
+        import plyfile as package
+    except ModuleNotFoundError:
+        raise CloudError(
+            "PLY files are read with the package plyfile, which is not installed here; install it "
+            "(pip install plyfile), or give the cloud as LAZ"
+        ) from None
+    return package
 
 
 def read_header(path: Path, stream: BinaryIO) -> PlyHeader:
@@ -100,54 +104,67 @@ def read_header(path: Path, stream: BinaryIO) -> PlyHeader:
     """
     if stream.readline(16).strip() != b"ply":
         raise CloudError(f"{path}: is not a PLY file (no 'ply' at its start); export it again")
-    order: Optional[str] = None
-    elements: List[Element] = []
-    number = 1
-    while True:
+    lines: List[str] = []
+    number, columns = 1, 0
+    while lines[-1:] != ["end_header"]:
         line = stream.readline(4096)
         number += 1
         if not line.endswith(b"\n") or stream.tell() > _MAX_HEADER:
             raise CloudError(f"{path}: its PLY header has no end; copy or export it again")
-        words = line.decode("ascii", "replace").split()
-        if words[:1] == ["end_header"]:
-            break
-        if words[:1] == ["format"]:
-            order = ORDERS.get(words[1] if len(words) > 1 else "")
-        elif words and words[0] in ("element", "property"):
-            _add(path, number, words, elements)
-            if elements and len(elements[-1].properties) > _MAX_COLUMNS:
-                raise CloudError(
-                    f"{path}: has more than {_MAX_COLUMNS} properties in one element of its PLY "
-                    "header; expected those of a point cloud: export it again"
-                )
-    return _checked(path, order, PlyHeader(order or "", tuple(elements), stream.tell(), number))
+        words = line.decode("ascii", "replace").encode("ascii", "replace").decode().split()
+        if words and words[0] not in ("comment", "obj_info"):
+            lines.append(" ".join(words))
+            columns = columns + 1 if words[0] == "property" else 0
+        if columns > _MAX_COLUMNS:
+            raise CloudError(
+                f"{path}: has more than {_MAX_COLUMNS} properties in one element of its PLY "
+                "header; expected those of a point cloud: export it again"
+            )
+    order, elements = _parsed(path, lines)
+    return _checked(path, PlyHeader(order, elements, stream.tell(), number))
 
 
-def _add(path: Path, number: int, words: List[str], elements: List[Element]) -> None:
-    """Take one element or property line of the header."""
-    try:
+def _parsed(path: Path, lines: List[str]) -> Tuple[str, Tuple[Element, ...]]:
+    """Return the order of bytes and the elements that a header tells, read by plyfile.
+
+    It is shown numbers for names, which a file may use twice and spell as it likes.
+    """
+    package = plyfile()
+    found: List[Tuple[str, int, List[str]]] = []
+    told: List[str] = ["ply"]
+    for line in lines:
+        words = line.split()
         if words[0] == "element":
-            count = int(words[2])
-            if count < 0:
-                raise ValueError(count)
-            elements.append(Element(words[1], count, ()))
-            return
-        if words[1] == "list":
-            column = Property(words[4], _TYPES[words[3]], _TYPES[words[2]])
-        else:
-            column = Property(words[2], _TYPES[words[1]])
-        last = elements[-1]
-        elements[-1] = Element(last.name, last.count, (*last.properties, column))
-    except (IndexError, KeyError, ValueError):
+            if len(words) != 3 or not words[2].isdigit():
+                raise CloudError(
+                    f"{path}: its PLY header has the line {line[:80]!r}; expected "
+                    "'element NAME COUNT': export it again"
+                )
+            found.append((words[1], int(words[2]), []))
+            words[1:] = [str(len(found)), "0"]
+        elif words[0] == "property" and found:
+            found[-1][2].append(words[-1])
+            words[-1] = str(len(found[-1][2]))
+        told.append(" ".join(words))
+    try:
+        read = package.PlyData.read(BytesIO("\n".join([*told, ""]).encode()), mmap=False)
+    except (package.PlyParseError, ValueError) as fault:
+        reason = getattr(fault, "message", None) or str(fault)
         raise CloudError(
-            f"{path}: line {number} of its PLY header is {' '.join(words)[:80]!r}; expected "
-            "'element NAME COUNT' or 'property TYPE NAME': export it again"
+            f"{path}: its PLY header is damaged ({reason[:120]}); expected a 'format', then "
+            "'element NAME COUNT' and 'property TYPE NAME': export it again"
         ) from None
+    elements = []
+    for element, (name, count, names) in zip(read, found):
+        columns = tuple(
+            Property(own, column.val_dtype, getattr(column, "len_dtype", None))
+            for own, column in zip(names, element.properties)
+        )
+        elements.append(Element(name, count, columns))
+    return "" if read.text else read.byte_order, tuple(elements)
 
 
-def _checked(path: Path, order: Optional[str], header: PlyHeader) -> PlyHeader:
-    if order is None:
-        raise CloudError(f"{path}: its PLY format line is unknown; expected ascii or binary")
+def _checked(path: Path, header: PlyHeader) -> PlyHeader:
     vertices = [element for element in header.elements if element.name == "vertex"]
     if not vertices:
         raise CloudError(f"{path}: has no 'vertex' element, so no points; export it again")
@@ -163,77 +180,51 @@ def _checked(path: Path, order: Optional[str], header: PlyHeader) -> PlyHeader:
     return header
 
 
-def vertex_offset(path: Path, header: PlyHeader) -> int:
-    """Byte at which a binary file's points start, after the elements before them."""
-    offset = header.offset
-    size = path.stat().st_size
-    for element in header.before:
-        offset = _after(path, element, header.order, offset, size)
-        if offset > size:
-            raise CloudError(f"{path}: is truncated before its points; copy or export it again")
-    return offset
+def even_length(
+    path: Path, element: Element, order: str, offset: int, size: int
+) -> Tuple[Optional[int], int]:
+    """Return how long all lists of a binary element are, None where they differ; and its end.
 
+    Parameters
+    ----------
+    offset : byte at which its rows start.
+    size : of the file, bytes.
 
-def _after(path: Path, element: Element, order: str, offset: int, size: int) -> int:
-    if not element.count or not element.properties:
-        return offset
-    if not element.has_lists:
-        return offset + element.count * element.dtype(order).itemsize
-    even = _even_lists(path, element, order, offset, size)
-    if even is not None:
-        return even
-    if element.count > _MOST_WALKED:
-        raise CloudError(
-            f"{path}: has {element.count} rows of '{element.name[:40]}' of differing length before "
-            f"its points, of which at most {_MOST_WALKED} are gone over; export it again, with the "
-            "points first"
-        )
-    return _walk(path, element, order, offset)
-
-
-def _even_lists(path: Path, element: Element, order: str, offset: int, size: int) -> Optional[int]:
-    """End of rows whose lists are all as long as the first (triangles); None if they are not."""
+    Raises
+    ------
+    CloudError
+        The file is shorter than its shortest rows would be.
+    """
+    if not element.has_lists or not element.count:
+        row = element.dtype(order)
+        return 0, offset + element.count * row.itemsize
     first = next(index for index, column in enumerate(element.properties) if column.length_kind)
     lead = Element(element.name, 1, element.properties[:first]).dtype(order).itemsize
     kind = np.dtype(order + str(element.properties[first].length_kind))
-    if offset + lead + kind.itemsize > size:
-        return size + 1
+    least = element.count * element.dtype(order).itemsize
+    if offset + least > size:
+        raise truncated(path, element)
     length = int(np.fromfile(path, kind, 1, offset=offset + lead)[0])
     if not 0 <= length <= size:
-        return None
+        return None, 0
     row = element.dtype(order, length)
-    end = offset + element.count * row.itemsize
-    if end > size or row.itemsize > _BLOCK:
-        return None
+    if row.itemsize > max(_BLOCK, size - offset):
+        return None, 0
     names = [name for name in row.names or () if name.startswith("length")]
-    step = max(1, _BLOCK // row.itemsize)
+    step = max(1, _BLOCK // max(row.itemsize, 1))
     with path.open("rb") as stream:
         stream.seek(offset)
         for start in range(0, element.count, step):
-            rows: npt.NDArray[np.void] = np.fromfile(stream, row, min(step, element.count - start))
-            if any((rows[name] != length).any() for name in names):
-                return None
-    return end
+            wanted = min(step, element.count - start)
+            rows: npt.NDArray[np.void] = np.fromfile(stream, row, wanted)
+            if len(rows) < wanted or any((rows[name] != length).any() for name in names):
+                return None, 0
+    return length, offset + element.count * row.itemsize
 
 
-def _walk(path: Path, element: Element, order: str, offset: int) -> int:
-    """Go over rows of differing length one by one: slow, and needed for mixed polygons only."""
-    kinds = [
-        (np.dtype(order + (column.length_kind or column.kind)), np.dtype(order + column.kind))
-        if column.length_kind
-        else (None, np.dtype(order + column.kind))
-        for column in element.properties
-    ]
-    with path.open("rb") as stream:
-        stream.seek(offset)
-        for _ in range(element.count):
-            for length_kind, kind in kinds:
-                if length_kind is None:
-                    stream.seek(kind.itemsize, 1)
-                    continue
-                raw = stream.read(length_kind.itemsize)
-                if len(raw) < length_kind.itemsize:
-                    return stream.tell() + 1  # beyond the end
-                length = int(np.frombuffer(raw, length_kind)[0])
-                stream.seek(max(length, 0) * kind.itemsize, 1)
-        return stream.tell()
+def truncated(path: Path, element: Element) -> CloudError:
+    """Make the error of a file that ends among the rows of an element."""
+    return CloudError(
+        f"{path}: is truncated: its header promises {element.count} rows of "
+        f"'{element.name[:40]}', and it ends before; copy or export it again"
+    )

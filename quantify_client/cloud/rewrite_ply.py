@@ -12,7 +12,8 @@ from ..errors import CloudError
 from ..types import Bounds, FloatArray
 from .base import naming, require_places
 from .ply import ascii_rows, short
-from .ply_header import PlyHeader, read_header, vertex_offset
+from .ply_header import PlyHeader, read_header
+from .ply_rows import element_offset
 from .rewrite_schema import Schema
 from .rewrite_source import Block, Origin
 from .rewrite_table import Column, Values, with_misfits_apart
@@ -33,8 +34,8 @@ class PlySource:
         self.path = path
         with naming(path, _AGAIN), path.open("rb") as stream:
             self._header: PlyHeader = read_header(path, stream)
-            self._offset = vertex_offset(path, self._header) if self._header.order else 0
-        vertex = self._header.vertex
+            vertex = self._header.vertex
+            self._offset = element_offset(path, self._header, vertex) if self._header.order else 0
         self.count = vertex.count
         self._columns = [Column(column.name, column.kind) for column in vertex.properties]
         self._axes = [self._header.columns[axis] for axis in "xyz"]

@@ -29,6 +29,7 @@ class TiledCloud:
             bounds=_around([info.bounds for info in infos]),
             crs=named.crs if named else None,
             crs_origin=named.crs_origin if named else None,
+            faces=sum(info.faces for info in infos),
             warnings=tuple(dict.fromkeys(w for info in infos for w in info.warnings)) + warnings,
             crs_parts=named.crs_parts if named else (),
         )

@@ -51,6 +51,7 @@ def options_of(given: argparse.Namespace) -> Dict[str, Any]:
         "hollow": given.hollow,
         "max_gap": given.max_gap,
         "floor": given.floor,
+        "accuracy": given.accuracy,
         "gcp": given.gcp,
         "scale_mode": given.scale_mode,
         "area_frame": given.area_frame,

@@ -8,7 +8,7 @@ from typing import Mapping, Optional, Tuple
 import numpy as np
 
 from ..crs import Frame
-from ..errors import CloudError
+from ..errors import CloudError, InputError, QuantifyError
 from ..sfm.outputs import Source
 from ..streaming import Progress, gather, stream, thread_count
 from ..types import AreaResult, Bounds, FloatArray, Floor, Measurement, Options
@@ -24,6 +24,7 @@ from .common import (
     window_of,
 )
 from .drawn import cloud_window
+from .mesh import ByFaces, measure_faces
 
 __all__ = ["find_floor", "measure_object"]
 
@@ -44,10 +45,20 @@ def measure_object(source: Source, frame: Frame, options: Options, report: Progr
     level = placed_level(frame, options, options.floor, cloud_window(source, frame))
     options = replace(options, floor="auto" if level is None else level)
     method = options.method or ("polar" if options.center_caps else "section")
+    by_faces = measure_faces(source, frame, options, report)
+    if isinstance(by_faces, ByFaces):
+        result, left_out, factor, warnings = by_faces
+        results = [finish(result, left_out, options)]
+        return measurement_of(source, frame, "faces", factor, results, warnings)
     run = _by_sections if method == "section" else _by_polar
-    result, left_out, factor = run(source, frame, bounds, options, report)
+    try:
+        result, left_out, factor = run(source, frame, bounds, options, report)
+    except QuantifyError as error:
+        if not by_faces:
+            raise
+        raise InputError(f"{'; '.join(by_faces)}; and {error}") from error
     results = [finish(result, left_out, options)]
-    return measurement_of(source, frame, method, factor, results, ())
+    return measurement_of(source, frame, method, factor, results, by_faces)
 
 
 def find_floor(source: Source, frame: Frame, report: Progress) -> Optional[Floor]:

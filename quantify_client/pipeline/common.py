@@ -6,7 +6,7 @@ import math
 from dataclasses import asdict, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Union
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union
 
 from ..crs import Frame, PlacedFrame, doubts, grid_scale_factor
 from ..sfm.outputs import Source
@@ -22,6 +22,7 @@ __all__ = [
     "finish",
     "ground_factor",
     "measurement_of",
+    "only_vertices",
     "placed_level",
     "provenance",
     "window_of",
@@ -101,6 +102,17 @@ def cloud_warnings(source: Source, frame: Frame) -> Sequence[str]:
     return (*info.warnings, *frame.warnings, *doubts(frame, info.bounds))
 
 
+def only_vertices(source: Source, reason: str) -> Tuple[str, ...]:
+    """Return the warning that the faces of a source do not count; none where it has none."""
+    info = source.cloud.info
+    if not info.faces:
+        return ()
+    return (
+        f"only the {info.point_count:,} vertices of the mesh count, as points of a cloud, not its "
+        f"{info.faces:,} faces: {reason}",
+    )
+
+
 def measurement_of(
     source: Source,
     frame: Frame,
@@ -110,6 +122,8 @@ def measurement_of(
     warnings: Sequence[str],
 ) -> Measurement:
     """Return all results of one call, without its provenance."""
+    if method == "terrain":
+        warnings = (*only_vertices(source, "terrain is measured from points"), *warnings)
     return Measurement(
         source=source.label,
         crs=frame.crs,

@@ -19,6 +19,7 @@ from ..types import Measurement, Options
 from .body import find_floor, measure_object
 from .checking import with_check_words
 from .common import cloud_warnings, coordinates_of, provenance
+from .mesh import ByFaces, measure_faces
 from .placing import place_cloud
 from .scale_budget import with_scale
 from .terrain import measure_areas
@@ -104,7 +105,10 @@ def describe(
             ground = (bounds.max_x - bounds.min_x) * (bounds.max_y - bounds.min_y)
             spacing = math.sqrt(ground / info.point_count)
         shape = choose_shape(Options(), has_crs=frame.crs is not None, is_odm=source.is_odm)
-        floor = find_floor(source, frame, report) if bounds and shape == "object" else None
+        is_object = bounds is not None and shape == "object"
+        faces = measure_faces(source, frame, Options(), report) if is_object else ()
+        by_faces = isinstance(faces, ByFaces)
+        floor = find_floor(source, frame, report) if is_object and not by_faces else None
         return {
             "schema": "quantify-client/1",
             "source": source.label,
@@ -116,9 +120,10 @@ def describe(
             "coordinates": coordinates_of(info),
             "length_unit": frame.length_unit,
             "points": info.point_count,
+            "faces": info.faces,
             "bounds": bounds and asdict(bounds),
             "mean_spacing_m": spacing,
             "shape": shape,
             "floor": floor and asdict(floor),
-            "warnings": list(cloud_warnings(source, frame)),
+            "warnings": [*cloud_warnings(source, frame), *(() if by_faces else faces)],
         }

@@ -9,7 +9,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any, Callable, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
 
-from ..cloud import DEFAULT_CHUNK, Cloud, Fetch, open_cloud
+from ..cloud import DEFAULT_CHUNK, Cloud, Fetch, Mesh, open_cloud
 from ..cloud.base import naming
 from ..crs import (
     UNITS_M,
@@ -22,7 +22,7 @@ from ..crs import (
 )
 from ..errors import CloudError, UsageError
 from ..small_files import real_path
-from ..types import Chunk, CloudInfo, CrsPart, Options, Window
+from ..types import Chunk, CloudInfo, CrsPart, Faces, Options, Window
 from .access import Access
 from .archive import unpacked
 from .layout import (
@@ -295,6 +295,11 @@ class _Presented:
         """As the cloud itself; errors name the archive instead of a temporary file."""
         with _renaming(self._aliases):
             yield from self._cloud.chunks(window, size)
+
+    def faces(self) -> Optional[Faces]:
+        """As the cloud itself; None where it has none."""
+        with _renaming(self._aliases):
+            return self._cloud.faces() if isinstance(self._cloud, Mesh) else None
 
 
 @contextmanager

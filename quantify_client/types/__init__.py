@@ -7,7 +7,7 @@ Frozen dataclasses only. Lengths, areas and volumes are in metres unless a name 
 from __future__ import annotations
 
 from .arrays import FloatArray, IntArray
-from .cloud import MAX_COORDINATE, Bounds, Chunk, CloudInfo, CrsPart, Window
+from .cloud import MAX_COORDINATE, Bounds, Chunk, CloudInfo, CrsPart, Faces, Window
 from .control import ControlAccount
 from .options import Options
 from .results import (
@@ -38,6 +38,7 @@ __all__ = [
     "CrsPart",
     "DirectHeight",
     "FloatArray",
+    "Faces",
     "Floor",
     "Gap",
     "IntArray",

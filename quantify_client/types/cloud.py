@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Mapping, Optional, Sequence, Tuple
 
-from .arrays import FloatArray
+from .arrays import FloatArray, IntArray
 
 __all__ = [
     "MAX_COORDINATE",
@@ -13,6 +13,7 @@ __all__ = [
     "Chunk",
     "CloudInfo",
     "CrsPart",
+    "Faces",
     "Window",
 ]
 
@@ -99,6 +100,22 @@ class CrsPart:
 
 
 @dataclass(frozen=True)
+class Faces:
+    """The faces of a mesh, one after the other.
+
+    Attributes
+    ----------
+    corners : (C,) int64
+        Numbers of points, in the order in which the cloud delivers them.
+    sizes : (F,) int64
+        How many of them each face has.
+    """
+
+    corners: IntArray
+    sizes: IntArray
+
+
+@dataclass(frozen=True)
 class CloudInfo:
     """What is known of a cloud before its points are read.
 
@@ -110,6 +127,7 @@ class CloudInfo:
     point_count : number of points the headers promise, or None where only reading tells (text).
     bounds : from the headers, in the cloud's own units, or None where only reading tells.
     crs : WKT, PROJ string or ``EPSG:n``; None when the cloud does not say.
+    faces : how many faces (or strips of them) join the points; a cloud has none.
     crs_origin : where the CRS was found (``"LAS WKT record"``, ``"coords.txt"``, ...), or None.
     crs_parts : the same for each part of it.
     """
@@ -122,3 +140,4 @@ class CloudInfo:
     crs_origin: Optional[str] = None
     warnings: Sequence[str] = ()
     crs_parts: Tuple[CrsPart, ...] = ()
+    faces: int = 0

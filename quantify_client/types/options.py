@@ -17,7 +17,8 @@ class Options:
     ``slices`` is ``"auto"`` or a positive number; ``base`` one of the names in
     :mod:`quantify_client.volcalc.base`, ``"compare"`` or an elevation in metres; ``floor`` is
     ``"auto"``, ``"none"``, ``"plane"`` or an elevation in metres; ``max_gap`` is in metres;
-    ``density`` is in t/m3. ``gcp`` is a control file; ``area_frame`` and ``scale_mode`` go with it.
+    ``accuracy``, of the faces of a mesh, is in metres; ``density`` is in t/m3. ``gcp`` is a control
+    file; ``area_frame`` and ``scale_mode`` go with it.
     ``crs`` (``EPSG:n``, WKT, a PROJ string or a file with one) and ``vertical_unit`` go before what
     the cloud says, ``source_unit`` is for one that does not say: ``"m"``, ``"cm"``, ``"mm"``,
     ``"ft"`` or ``"us-ft"``.
@@ -33,6 +34,7 @@ class Options:
     hollow: bool = False
     max_gap: Optional[float] = None
     floor: Union[str, float] = "auto"
+    accuracy: Optional[float] = None
     grid: bool = False
     gcp: Optional[Any] = None
     area_frame: str = "cloud"

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Optional, Union
 
 from ..types import AreaResult, FloatArray
 from .polar import polar_volume
+from .slices import slab_count
 
 __all__ = ["BodyRecipe", "measure_body"]
 
@@ -49,7 +49,7 @@ def measure_body(
         (x - x.min()) / recipe.ground_factor,
         (y - y.min()) / recipe.ground_factor,
         z,
-        _slabs(highest - lowest, recipe),
+        slab_count(highest - lowest, recipe.slices, recipe.slice_height, _AUTO_SLABS),
         center_caps=recipe.center_caps,
     )
     return AreaResult(
@@ -74,9 +74,3 @@ def measure_body(
         slices=tuple(volume.slices),
         warnings=(*volume.warnings, _NO_INTERVAL),
     )
-
-
-def _slabs(height: float, recipe: BodyRecipe) -> int:
-    if recipe.slice_height is not None:
-        return max(1, math.ceil(height / recipe.slice_height - 1e-9))
-    return _AUTO_SLABS if recipe.slices == "auto" else int(recipe.slices)

@@ -2,15 +2,31 @@
 
 from __future__ import annotations
 
+import math
+from typing import Optional, Union
+
 import numpy as np
 
 from ..errors import InputError
 from ..types import FloatArray, IntArray
 
-__all__ = ["MAX_SLABS", "slab_edges", "slab_index"]
+__all__ = ["MAX_SLABS", "slab_count", "slab_edges", "slab_index"]
 
 MAX_SLABS = 1_000_000
 """More slabs than any cloud can fill; a guard against a mistyped number eating all memory."""
+
+
+def slab_count(
+    height: float, slices: Union[str, int], slice_height: Optional[float], auto: int
+) -> int:
+    """Return the number of slabs that was asked for; `auto` when none was.
+
+    >>> slab_count(3.0, "auto", 0.4, auto=50), slab_count(3.0, "auto", None, auto=50)
+    (8, 50)
+    """
+    if slice_height is not None:
+        return max(1, math.ceil(height / slice_height - 1e-9))
+    return auto if slices == "auto" else int(slices)
 
 
 def slab_edges(

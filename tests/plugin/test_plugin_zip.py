@@ -201,6 +201,7 @@ def test_measuring_and_its_layers_need_no_drawing_terminal_or_server_packages(un
         "assert 'quantify_client' not in sys.modules\n"
     )
     absent = ("matplotlib", "rich", "requests", "pyodm", "PIL", "pyogrio", "quantify_client")
+    absent += ("plyfile",)  # GPL: the plugin reads no PLY
     assert run(code, absent, unpacked) == "0.1.0\n"
 
 
@@ -209,6 +210,20 @@ def test_exports_need_nothing_that_webodm_has_not(unpacked):
     code = "import plugins.volcalc.quantify_client.report.saved\n"
     absent = ("shapely", "laspy", "pyproj", "yaml", "scipy", "matplotlib", "rich", "PIL")
     run(code, absent, unpacked)
+
+
+def test_plyfile_is_in_no_zip_and_in_no_requirement(archive):
+    """It is GPL: a requirement of the command alone."""
+    with zipfile.ZipFile(archive) as packed:
+        assert b"plyfile" not in packed.read("volcalc/requirements.txt")
+        assert not any("plyfile" in name for name in packed.namelist())
+        imports = [
+            name
+            for name in packed.namelist()
+            if name.endswith(".py")
+            and re.search(rb"^\s*(import|from) plyfile", packed.read(name), re.M)
+        ]
+    assert imports == ["volcalc/quantify_client/cloud/ply_header.py"]  # where a PLY is opened
 
 
 def play_pip(monkeypatch):
