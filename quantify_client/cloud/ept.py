@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ..errors import CloudError
 from ..types import Chunk, CloudInfo, FloatArray, Window
-from .base import DEFAULT_CHUNK, gather, naming, require_finite, sort_out, touches
+from .base import DEFAULT_CHUNK, gather, mostly_sound, naming, sort_out, touches
 from .ept_index import AGAIN, EptIndex, Fetch, read_index
 from .las import read_points
 from .las_header import read_layout
@@ -36,7 +36,8 @@ class EptCloud:
 
     def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
         """Deliver the points of all tiles that touch `window`."""
-        return gather(self._tiles(window, size), size)
+        tiles = mostly_sound(self._index.source, self._tiles(window, size))
+        return gather(tiles, size)
 
     def _tiles(self, window: Optional[Window], size: int) -> Iterator[Chunk]:
         index = self._index
@@ -81,7 +82,6 @@ def _read_binary(index: EptIndex, path: Path, count: int, size: int) -> Iterator
         with naming(path, AGAIN):
             rows: npt.NDArray[np.void] = np.fromfile(path, row, points, offset=start * row.itemsize)
             x, y, z = (_scaled(rows[axis], columns[axis]) for axis in ("X", "Y", "Z"))
-        require_finite(path, x, y, z, start)
         yield sort_out(x, y, z, _classes(rows), _withheld(rows))
 
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from ..errors import CloudError
 from ..types import Bounds, FloatArray
-from .base import naming, require_places
+from .base import naming
 from .lines import MAX_LINE, Lines
 from .rewrite_schema import Schema
-from .rewrite_source import Block, Origin
+from .rewrite_source import Block, Origin, placed_block
 from .rewrite_table import Column, Values, arrange, candidates, misfits
 from .text import _AGAIN, _is_comment, _is_number, _named_columns, _opened, _sniff, _split
 
@@ -57,9 +57,8 @@ class TextSource:
         done = 0
         for values in self._values(size):
             x, y, z = (np.ascontiguousarray(values[axis]) for axis in self._axes)
-            require_places(self.path, x, y, z, done)
+            yield placed_block(self.path, x, y, z, self._arranged.rows(values, len(x)), done)
             done += len(x)
-            yield Block(x, y, z, self._arranged.rows(values, len(x)))
         if done != self.count:
             raise CloudError(f"{self.path}: changed while it was read; {_AGAIN}")
 

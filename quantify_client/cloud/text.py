@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import CloudError
 from ..types import Chunk, CloudInfo, FloatArray, Window
-from .base import DEFAULT_CHUNK, naming, require_finite, sort_out, survey
+from .base import DEFAULT_CHUNK, mostly_sound, naming, sort_out, survey
 from .lines import MAX_LINE, Lines
 
 _AGAIN = "expected rows of x, y, z with decimal points, with or without a line naming the columns"
@@ -54,7 +54,9 @@ class TextCloud:
 
     def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
         """Deliver all points in file order; there is no index, so `window` has no effect."""
-        done = 0
+        return mostly_sound(self._path, self._rows(size))
+
+    def _rows(self, size: int) -> Iterator[Chunk]:
         number = self._table.lead
         with naming(self._path, _AGAIN):
             stream = _opened(self._path)
@@ -72,8 +74,6 @@ class TextCloud:
                 if not len(table):
                     continue
                 x, y, z = (np.ascontiguousarray(table[:, axis]) for axis in range(3))
-                require_finite(self._path, x, y, z, done)
-                done += len(x)
                 yield sort_out(x, y, z, _classes(table))
 
     def _parse(self, lines: List[str], number: int) -> FloatArray:
