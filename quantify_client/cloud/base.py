@@ -222,6 +222,15 @@ def touches(bounds: Optional[Bounds], window: Optional[Window]) -> bool:
     )
 
 
+def overlap(one: Bounds, other: Bounds) -> bool:
+    """Whether two boxes have anything in common."""
+    return all(
+        getattr(one, f"min_{axis}") <= getattr(other, f"max_{axis}")
+        and getattr(other, f"min_{axis}") <= getattr(one, f"max_{axis}")
+        for axis in "xyz"
+    )
+
+
 @contextmanager
 def naming(path: Path, advice: str) -> Iterator[None]:
     """Turn whatever a library raises about a file into one line that names the file.
