@@ -222,6 +222,23 @@ def touches(bounds: Optional[Bounds], window: Optional[Window]) -> bool:
     )
 
 
+def box_of(chunk: Chunk) -> Optional[Bounds]:
+    """Return the box of a chunk's points, None where it has none."""
+    if not len(chunk):
+        return None
+    axes = (chunk.x, chunk.y, chunk.z)
+    return Bounds(*(float(axis.min()) for axis in axes), *(float(axis.max()) for axis in axes))
+
+
+def within(inner: Bounds, outer: Bounds, some: float = 0.0) -> bool:
+    """Whether a box lies in another, or reaches beyond it by `some` at most."""
+    return all(
+        getattr(inner, f"min_{axis}") >= getattr(outer, f"min_{axis}") - some
+        and getattr(inner, f"max_{axis}") <= getattr(outer, f"max_{axis}") + some
+        for axis in "xyz"
+    )
+
+
 def overlap(one: Bounds, other: Bounds) -> bool:
     """Whether two boxes have anything in common."""
     return all(

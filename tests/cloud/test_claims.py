@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import struct
 from pathlib import Path
+from typing import Iterator, Tuple
 
 import laspy
 import numpy as np
 import pytest
-from clouds import in_order, points, read_all, write_las
+from clouds import in_order, points, read_all, write_copc, write_ept, write_las
 
 from quantify_client.cloud import open_cloud
+from quantify_client.cloud.ept import EptCloud
 from quantify_client.errors import CloudError
 from quantify_client.types import Window
 
@@ -113,3 +116,84 @@ def test_a_tile_with_a_wrong_box_is_not_skipped(tmp_path: Path) -> None:
     wanted = {tuple(p) for p in np.round(xyz[inside], 3)}
     assert wanted
     assert wanted <= {tuple(p) for p in np.round(in_order(delivered), 3)}
+
+
+def with_index(path: Path, **changes: list) -> Path:
+    """Change boxes in ept.json."""
+    about = json.loads(path.read_text())
+    path.write_text(json.dumps({**about, **changes}))
+    return path
+
+
+SHIFTS = {  # cube -> a wrong one that still holds the bounds of the points
+    "twice as large": lambda low, edge: (low, 2 * edge),
+    "around another middle": lambda low, edge: (low - 30, edge + 30),
+    "a third too large": lambda low, edge: (low - edge / 9, edge * 4 / 3),
+}
+
+
+def windows(xyz: np.ndarray, count: int = 20) -> Iterator[Tuple[Window, set]]:
+    """Small windows all over the points, and the points in each."""
+    low, high = xyz.min(axis=0), xyz.max(axis=0)
+    for corner in np.random.default_rng(3).uniform(low[:2], high[:2] - 8, (count, 2)):
+        inside = ((xyz[:, :2] >= corner) & (xyz[:, :2] <= corner + 8)).all(axis=1)
+        yield Window(*corner, *(corner + 8)), {tuple(p) for p in np.round(xyz[inside], 3)}
+
+
+@pytest.mark.parametrize("data_type", ["laszip", "binary"])
+@pytest.mark.parametrize("cube", SHIFTS)
+def test_ept_with_a_wrong_cube_loses_no_point_of_a_window(
+    cube: str, data_type: str, tmp_path: Path
+) -> None:
+    xyz = points(3000)
+    path = write_ept(tmp_path / "ept", xyz, data_type)
+    bounds = np.array(json.loads(path.read_text())["bounds"])
+    low, edge = SHIFTS[cube](bounds[:3], bounds[3] - bounds[0])
+    cloud = open_cloud([with_index(path, bounds=[*low.tolist(), *(low + edge).tolist()])])
+    assert "points lie outside the cubes of their tiles" in cloud.info.warnings[0]
+    for window, wanted in windows(xyz):
+        assert wanted <= {tuple(p) for p in np.round(read_all(cloud, window), 3)}
+
+
+@pytest.mark.parametrize("data_type", ["laszip", "binary"])
+def test_ept_whose_bounds_leave_out_points_is_read_for_their_own(
+    data_type: str, tmp_path: Path
+) -> None:
+    xyz = points(3000)
+    path = write_ept(tmp_path / "ept", xyz, data_type)
+    half = xyz.max(axis=0) - [50, 0, 0]
+    told = [*xyz.min(axis=0).tolist(), *half.tolist()]
+    info = open_cloud([with_index(path, boundsConforming=told)]).info
+    assert info.bounds.max_x == pytest.approx(xyz[:, 0].max())
+    assert "points lie outside boundsConforming" in info.warnings[0]
+
+
+@pytest.mark.parametrize("cube", SHIFTS)
+def test_copc_with_a_wrong_cube_loses_no_point_of_a_window(cube: str, tmp_path: Path) -> None:
+    xyz = points(3000)
+    path = write_copc(tmp_path / "a.copc.laz", xyz)
+    sound = open_cloud([path])
+    assert sound.info.format == "copc"
+    data = bytearray(path.read_bytes())
+    *middle, half = struct.unpack_from("<4d", data, 375 + 54)
+    low, edge = SHIFTS[cube](np.array(middle) - half, 2 * half)
+    struct.pack_into("<4d", data, 375 + 54, *(low + edge / 2).tolist(), edge / 2)
+    path.write_bytes(data)
+    cloud = open_cloud([path])
+    assert cloud.info.format == "laz"  # read from front to back
+    for window, wanted in windows(xyz):
+        assert wanted <= {tuple(p) for p in np.round(read_all(cloud, window), 3)}
+        assert wanted <= {tuple(p) for p in np.round(read_all(sound, window), 3)}
+
+
+def test_tiles_that_are_fetched_are_held_against_their_cubes(tmp_path: Path) -> None:
+    xyz = points(3000)
+    path = write_ept(tmp_path / "ept", xyz)
+    bounds = np.array(json.loads(path.read_text())["bounds"])
+    edge = bounds[3] - bounds[0]
+    low = bounds[:3] - 30
+    with_index(path, bounds=[*low.tolist(), *(low + edge + 30).tolist()])
+    cloud = EptCloud(path, lambda files: None)
+    around = Window(*xyz.min(axis=0)[:2], *xyz.max(axis=0)[:2])
+    with pytest.raises(CloudError, match="points of tile 1-.* lie outside its cube"):
+        read_all(cloud, around)
