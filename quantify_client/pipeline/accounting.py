@@ -41,7 +41,7 @@ def every_point(source: Source, work: Callable[[Source], Result]) -> Result:
     for _ in range(_READINGS):
         try:
             return work(replace(source, cloud=_Watched(source.cloud)))
-        except _OutOfBox as found:
+        except _OutOfBoxError as found:
             source, last = replace(source, cloud=_Whole(source.cloud, found)), found
     raise CloudError(f"{last}; give the file when nothing writes to it")
 
@@ -72,7 +72,7 @@ def losses(counts: Iterable[Mapping[str, int]]) -> Tuple[str, ...]:
     return (f"left out and not measured: {', '.join(said)}",) if said else ()
 
 
-class _OutOfBox(CloudError):
+class _OutOfBoxError(CloudError):
     """Points lie outside the box that their cloud gives."""
 
     def __init__(self, sources: str, count: int, box: Bounds) -> None:
@@ -84,7 +84,7 @@ class _OutOfBox(CloudError):
 
 
 class _Watched:
-    """A cloud that raises `_OutOfBox` at the end of a reading that met such points."""
+    """A cloud that raises `_OutOfBoxError` at the end of a reading that met such points."""
 
     def __init__(self, cloud: Cloud) -> None:
         self._cloud, self.info = cloud, cloud.info
@@ -100,13 +100,13 @@ class _Watched:
                 seen = _around(seen, box) if lost else seen
             yield chunk
         if outside and seen is not None:
-            raise _OutOfBox(self.info.sources[0], outside, seen)
+            raise _OutOfBoxError(self.info.sources[0], outside, seen)
 
 
 class _Whole:
     """A cloud in a box that holds its points; whatever the window, all of them are delivered."""
 
-    def __init__(self, cloud: Cloud, found: _OutOfBox) -> None:
+    def __init__(self, cloud: Cloud, found: _OutOfBoxError) -> None:
         said = f"{found}; all points were read, and the points' own bounds taken"
         self._cloud = cloud
         self.info: CloudInfo = replace(
