@@ -31,10 +31,11 @@ def write_las(
     withheld: Any = None,
     crs: Optional[str] = None,
     vlrs: Iterable[Any] = (),
+    scale: float = 0.001,
 ) -> Path:
     """Write LAS or LAZ, by the ending of the path."""
     header = laspy.LasHeader(point_format=point_format, version=version)
-    header.scales = [0.001] * 3
+    header.scales = [scale] * 3
     header.offsets = np.floor(ORIGIN)
     if crs is not None:
         header.add_crs(pyproj.CRS.from_user_input(crs), keep_compatibility=False)

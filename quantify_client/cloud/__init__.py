@@ -13,6 +13,7 @@ from .base import DEFAULT_CHUNK, Cloud, Mesh, naming
 from .copc import open_las
 from .ept import EptCloud
 from .ept_index import Fetch
+from .nodata import sifted
 from .ply import PlyCloud
 from .text import TextCloud
 from .tiles import TiledCloud, require_distinct
@@ -61,7 +62,7 @@ def open_cloud(
     if count is not None and count < _FEWEST:
         held = "no points" if not count else f"only {count} point{'s' if count > 1 else ''}"
         raise CloudError(f"{files[0]}: holds {held}; expected at least {_FEWEST}")
-    return cloud
+    return sifted(cloud, whole=not fetchers)
 
 
 def _open_one(path: Path, fetch: Optional[Fetch] = None) -> Cloud:

@@ -6,10 +6,19 @@ chunks. Nothing here knows a file format.
 
 from __future__ import annotations
 
-import math
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Dict, Iterable, Iterator, Optional, Protocol, Tuple, runtime_checkable
+from typing import (
+    Any,
+    Dict,
+    Iterable,
+    Iterator,
+    Optional,
+    Protocol,
+    Sequence,
+    Tuple,
+    runtime_checkable,
+)
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +32,13 @@ DEFAULT_CHUNK = 1_000_000
 NOISE = "noise class"
 WITHHELD = "withheld"
 OFF_THE_MAP = "coordinate beyond any map"
+NODATA, VOID = "nodata", "nodata beyond any map"
+NO_PLACE = "NaN in all coordinates"
+NOT_FINITE = "NaN or infinite coordinate"
 _NOISE_CLASSES = (7, 18)  # ASPRS: low point (noise) and high noise
+_VOID_FROM, _VOID_TO = 1e20, 3.5e38  # what rasters have for no height: 1e20 (CF), 9.97e36 (netCDF),
+# 1.70141e38 (Surfer), 3.4028e38 of either sign (the largest float32: ESRI, GDAL)
+_MOST_DAMAGED = 0.01  # of a file: more than that is no stray row, but a file written wrongly
 
 
 class Cloud(Protocol):
@@ -39,7 +54,7 @@ class Cloud(Protocol):
 
         `window` (the cloud's own coordinates) is a hint: what does not touch it may be skipped,
         points outside may still come. Raises :class:`CloudError` when fewer points can be read
-        than the header promises, or when a coordinate is not finite.
+        than the header promises.
         """
         ...
 
@@ -54,6 +69,17 @@ class Mesh(Cloud, Protocol):
         Raises :class:`CloudError` where they are damaged.
         """
         ...
+
+
+class Front:
+    """A cloud in front of another one, with the faces that it may have."""
+
+    def __init__(self, cloud: Cloud, info: CloudInfo) -> None:
+        self._cloud, self.info = cloud, info
+
+    def faces(self) -> Optional[Faces]:
+        """As the cloud itself; None where it has none."""
+        return self._cloud.faces() if isinstance(self._cloud, Mesh) else None
 
 
 def _noise_table() -> npt.NDArray[np.bool_]:
@@ -74,8 +100,8 @@ def sort_out(
 ) -> Chunk:
     """Make a chunk of what is to be measured, and count the rest.
 
-    Points with a coordinate that no place on the Earth has, in no unit, are left out: a box round
-    them would be of no use to the others.
+    Points with a coordinate that is no number, or that no place on the Earth has in any unit, are
+    left out: a box round them would be of no use to the others.
 
     Parameters
     ----------
@@ -101,40 +127,63 @@ def sort_out(
     keep = ~(noise | held)
     counts = {NOISE: int(noise.sum()), WITHHELD: int(held.sum())}
     if not on_map:
-        off = keep & ~np.logical_and.reduce([np.abs(axis) <= MAX_COORDINATE for axis in (x, y, z)])
-        counts[OFF_THE_MAP] = int(off.sum())
-        keep &= ~off
+        for reason, off in _off_the_map(x, y, z):
+            counts[reason] = int((off & keep).sum())
+            keep &= ~off
     left_out = {reason: count for reason, count in counts.items() if count}
     return Chunk(x[keep], y[keep], z[keep], left_out)
 
 
+def _off_the_map(
+    x: FloatArray, y: FloatArray, z: FloatArray
+) -> Iterator[Tuple[str, npt.NDArray[np.bool_]]]:
+    """Reasons to leave points out, and which: the first one that holds counts."""
+    axes = np.array([x, y, z])
+    yield NO_PLACE, np.isnan(axes).all(axis=0)
+    yield NOT_FINITE, ~np.isfinite(axes).all(axis=0)
+    reach = np.abs(axes)
+    void = (reach[2] >= _VOID_FROM) & (reach[2] <= _VOID_TO)
+    yield VOID, void & (reach[:2] <= MAX_COORDINATE).all(axis=0)
+    yield OFF_THE_MAP, ~(reach <= MAX_COORDINATE).all(axis=0)
+
+
 def _all_on_map(*axes: FloatArray) -> bool:
-    return all(
-        not len(axis) or (axis.min() >= -MAX_COORDINATE and axis.max() <= MAX_COORDINATE)
-        for axis in axes
-    )
-
-
-def require_finite(path: Path, x: FloatArray, y: FloatArray, z: FloatArray, first: int) -> None:
-    """Raise CloudError when a coordinate is NaN or infinite; `first` is the points before these."""
-    with np.errstate(invalid="ignore", over="ignore"):
-        # A sum is finite only if all its terms are: one fast pass for the usual case.
-        if math.isfinite(float(x.sum() + y.sum() + z.sum())):
-            return
-    bad = ~(np.isfinite(x) & np.isfinite(y) & np.isfinite(z))
-    count = int(bad.sum())
-    if count:
-        where = first + int(np.argmax(bad)) + 1
-        what = "1 point has" if count == 1 else f"{count} points have"
-        raise CloudError(
-            f"{path}: {what} a coordinate that is NaN or infinite (the first is point {where} "
-            "of the file); expected finite numbers: remove such points and write the file again"
+    with np.errstate(invalid="ignore"):  # NaN: no comparison holds
+        return all(
+            not len(axis) or (axis.min() >= -MAX_COORDINATE and axis.max() <= MAX_COORDINATE)
+            for axis in axes
         )
 
 
-def require_places(path: Path, x: FloatArray, y: FloatArray, z: FloatArray, first: int) -> None:
-    """Raise CloudError when a coordinate is no number or beyond any map; see `require_finite`."""
-    require_finite(path, x, y, z, first)
+def mostly_sound(path: Path, chunks: Iterable[Chunk]) -> Iterator[Chunk]:
+    """Pass on all chunks of a file.
+
+    Raises
+    ------
+    CloudError
+        At the end, when too many points had some of their coordinates only.
+    """
+    read, damaged = 0, 0
+    for chunk in chunks:
+        read += len(chunk) + sum(chunk.left_out.values())
+        damaged += chunk.left_out.get(NOT_FINITE, 0)
+        yield chunk
+    if damaged > _MOST_DAMAGED * read:
+        raise CloudError(
+            f"{path}: {damaged} of {read} points have a coordinate that is NaN or infinite beside "
+            f"others that are numbers; expected at most {_MOST_DAMAGED:.0%}, which would be left "
+            "out: check the columns, or remove such points and write the file again"
+        )
+
+
+def finite_rows(*axes: FloatArray) -> Optional[npt.NDArray[np.bool_]]:
+    """Return which rows have numbers for all coordinates; None for all."""
+    keep: npt.NDArray[np.bool_] = np.logical_and.reduce([np.isfinite(axis) for axis in axes])
+    return None if keep.all() else keep
+
+
+def require_on_map(path: Path, x: FloatArray, y: FloatArray, z: FloatArray, first: int) -> None:
+    """Raise CloudError when a coordinate is beyond any map; `first` is the points before these."""
     if not _all_on_map(x, y, z):
         at = int(np.argmax(np.abs([x, y, z]).max(axis=0)))
         raise CloudError(
@@ -203,6 +252,53 @@ def touches(bounds: Optional[Bounds], window: Optional[Window]) -> bool:
         and bounds.max_x >= window.min_x
         and bounds.min_y <= window.max_y
         and bounds.max_y >= window.min_y
+    )
+
+
+def box_of(chunk: Chunk) -> Optional[Bounds]:
+    """Return the box of a chunk's points, None where it has none."""
+    if not len(chunk):
+        return None
+    axes = (chunk.x, chunk.y, chunk.z)
+    return Bounds(*(float(axis.min()) for axis in axes), *(float(axis.max()) for axis in axes))
+
+
+def within(inner: Bounds, outer: Bounds, some: float = 0.0) -> bool:
+    """Whether a box lies in another, or reaches beyond it by `some` at most."""
+    return all(
+        getattr(inner, f"min_{axis}") >= getattr(outer, f"min_{axis}") - some
+        and getattr(inner, f"max_{axis}") <= getattr(outer, f"max_{axis}") + some
+        for axis in "xyz"
+    )
+
+
+def overlap(one: Bounds, other: Bounds) -> bool:
+    """Whether two boxes have anything in common."""
+    return all(
+        getattr(one, f"min_{axis}") <= getattr(other, f"max_{axis}")
+        and getattr(other, f"min_{axis}") <= getattr(one, f"max_{axis}")
+        for axis in "xyz"
+    )
+
+
+def coarse(
+    path: Path, steps: Sequence[float], bounds: Optional[Bounds], count: Optional[int]
+) -> Tuple[str, ...]:
+    """Warn where the steps of x, y and z are larger than the points' mean spacing."""
+    if bounds is None or not count:
+        return ()
+    x, y, z = (abs(step) for step in steps)
+    # Of a grid whose step is its spacing, every point has a place of its own.
+    ground = (bounds.max_x - bounds.min_x + x) * (bounds.max_y - bounds.min_y + y)
+    spacing = (ground / count) ** 0.5
+    large = {axis: step for axis, step in zip("xyz", (x, y, z)) if step > 1.01 * spacing > 0}
+    if not large:
+        return ()
+    axes = ", ".join(f"{axis} in steps of {step:g}" for axis, step in large.items())
+    return (
+        f"{path}: its header has {axes}, and the points' mean spacing is {spacing:.2g}: places and "
+        "heights are rounded to these steps, and points fall onto each other; export it again with "
+        "a finer scale",
     )
 
 

@@ -14,11 +14,14 @@ import numpy.typing as npt
 
 from ..errors import CloudError
 from ..types import Bounds, Chunk, Window
-from .base import DEFAULT_CHUNK, naming, touches
+from .base import DEFAULT_CHUNK, box_of, gather, naming, touches, within
 from .las import MAX_BUFFER, SELECTION, LasCloud, decode, read_points
 from .las_header import AGAIN, LasLayout, read_layout
+from .las_sample import spread
 from .laz_chunks import LARGEST_CHUNK
 
+_TOP = 9  # cubes of the upper two levels
+_POINTS = 2_000  # of a cube that are looked at
 Nodes = npt.NDArray[Any]
 _ENTRY: np.dtype[np.void] = np.dtype(
     [("key", "<i4", 4), ("offset", "<u8"), ("bytes", "<i4"), ("points", "<i4")]
@@ -43,15 +46,36 @@ def is_copc(layout: LasLayout) -> bool:
     if not (layout.chunks and layout.header.vlrs.get("CopcInfoVlr")):
         return False
     cube, points = _box(layout, np.zeros(4, np.int32)), layout.bounds
-    if points is None:
-        return True
     # A cube elsewhere would lose points quietly: such a file is read from front to back.
-    rounding = 2 * max(np.abs(layout.header.scales))
-    return all(
-        getattr(cube, f"min_{axis}") <= getattr(points, f"min_{axis}") + rounding
-        and getattr(points, f"max_{axis}") - rounding <= getattr(cube, f"max_{axis}")
-        for axis in "xyz"
-    )
+    return points is None or (within(points, cube, _rounding(layout)) and _is_placed(layout))
+
+
+def _rounding(layout: LasLayout) -> float:
+    return 2.0 * float(np.max(np.abs(layout.header.scales)))
+
+
+def _is_placed(layout: LasLayout) -> bool:
+    """Whether cubes from all over the index, the upper two levels among them, hold their points.
+
+    Of each some points are decoded. What is damaged is told when it is read.
+    """
+    with naming(layout.path, AGAIN), layout.path.open("rb") as stream:
+        try:
+            nodes = _index(layout, stream)
+            nodes = nodes[np.argsort(nodes["key"][:, 0], kind="stable")]
+            nodes = nodes[sorted({*range(min(_TOP, len(nodes))), *spread(len(nodes))})]
+            nodes["points"] = np.minimum(nodes["points"], _POINTS)
+            return all(
+                _holds(layout, node[0], decode(layout, _decompress(layout, stream, node)))
+                for node in np.split(nodes, len(nodes))
+            )
+        except (CloudError, lazrs.LazrsError):
+            return True
+
+
+def _holds(layout: LasLayout, node: Any, chunk: Chunk) -> bool:
+    box = box_of(chunk)
+    return box is None or within(box, _box(layout, node["key"]), _rounding(layout))
 
 
 def _read_window(layout: LasLayout, window: Window, size: int) -> Iterator[Chunk]:
@@ -60,12 +84,28 @@ def _read_window(layout: LasLayout, window: Window, size: int) -> Iterator[Chunk
     with stream:
         with naming(layout.path, AGAIN):
             nodes = _index(layout, stream)
-            nodes = nodes[[touches(_box(layout, node["key"]), window) for node in nodes]]
+            some = _rounding(layout)
+            around = Window(
+                window.min_x - some, window.min_y - some, window.max_x + some, window.max_y + some
+            )
+            nodes = nodes[[touches(_box(layout, node["key"]), around) for node in nodes]]
         nodes = nodes[np.argsort(nodes["offset"])]
         for batch in _batches(nodes, min(size, MAX_BUFFER // layout.record_length)):
             with naming(layout.path, AGAIN):
                 records = _decompress(layout, stream, batch)
-            yield decode(layout, records)
+            yield from gather(_of_nodes(layout, batch, records), size)
+
+
+def _of_nodes(layout: LasLayout, nodes: Nodes, records: npt.NDArray[np.uint8]) -> Iterator[Chunk]:
+    ends = np.cumsum(nodes["points"].astype(np.int64)) * layout.record_length
+    for node, part in zip(nodes, np.split(records, ends[:-1])):
+        chunk = decode(layout, part)
+        if not _holds(layout, node, chunk):
+            raise CloudError(
+                f"{layout.path}: points lie outside their cube of its COPC index, so that they "
+                f"cannot be found by their place; {AGAIN}"
+            )
+        yield chunk
 
 
 def _index(layout: LasLayout, stream: BinaryIO) -> Nodes:

@@ -9,12 +9,24 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import CloudError
-from ..types import Chunk, CloudInfo, FloatArray, Window
-from .base import DEFAULT_CHUNK, gather, naming, require_finite, sort_out, touches
+from ..types import Bounds, Chunk, CloudInfo, FloatArray, Window
+from .base import (
+    DEFAULT_CHUNK,
+    box_of,
+    coarse,
+    gather,
+    mostly_sound,
+    naming,
+    sort_out,
+    survey,
+    touches,
+)
 from .ept_index import AGAIN, EptIndex, Fetch, read_index
 from .las import read_points
 from .las_header import read_layout
+from .las_sample import spread
 
+_TOP = 9  # the upper two levels: cubes that are shifted or too large are told by them
 _KINDS = {"signed": "i", "unsigned": "u", "float": "f"}
 
 
@@ -24,28 +36,77 @@ class EptCloud:
     def __init__(self, path: Path, fetch: Optional[Fetch] = None) -> None:
         self._index = read_index(path, fetch)
         self._fetch = fetch
+        self._whole = False
+        bounds, warnings = self._index.conforming, self._index.stated.warnings
+        # Where tiles are fetched, those that are read are held against their cubes only.
+        wrong = fetch is None and _misplaced(self._index)
+        if wrong:
+            self._whole = True
+            _, own = survey(self.chunks())
+            bounds = own or bounds
+            warnings += (
+                f"{path}: points lie outside {wrong}; all tiles were read, whatever their place, "
+                "and the points' own bounds taken",
+            )
+        with naming(path, AGAIN):
+            steps = {column["name"]: float(column.get("scale", 0)) for column in self._index.schema}
+            axes = [steps.get(axis, 0.0) for axis in "XYZ"]
+        warnings += coarse(path, axes, bounds, self._index.count)
         self.info = CloudInfo(
             sources=(str(path),),
             format="ept",
             point_count=self._index.count,
-            bounds=self._index.conforming,
+            bounds=bounds,
             crs=self._index.stated.crs,
             crs_origin=self._index.stated.origin,
-            warnings=self._index.stated.warnings,
+            warnings=warnings,
             crs_parts=self._index.stated.parts,
         )
 
     def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
         """Deliver the points of all tiles that touch `window`."""
-        return gather(self._tiles(window, size), size)
+        tiles = mostly_sound(self._index.source, self._tiles(window, size))
+        return gather(tiles, size)
 
     def _tiles(self, window: Optional[Window], size: int) -> Iterator[Chunk]:
         index = self._index
+        window = None if self._whole else window and index.widened(window)
         touched = [key for key in index.tiles if touches(index.box(key), window)]
         if self._fetch is not None:
             self._fetch({index.tile_name(key): index.tile_bytes(key) for key in touched})
         for key in touched:
-            yield from _read_tile(index, key, index.tiles[key], size)
+            for chunk in _read_tile(index, key, index.tiles[key], size):
+                if window is not None and not index.holds(key, box_of(chunk)):
+                    raise CloudError(
+                        f"{index.source}: points of tile {key} lie outside its cube, so that tiles "
+                        f"cannot be found by their place (bounds in ept.json); {AGAIN}"
+                    )
+                yield chunk
+
+
+def _misplaced(index: EptIndex) -> Optional[str]:
+    """What of the index does not hold its points, as far as some tiles from all over it tell."""
+    keys = sorted(index.tiles, key=lambda key: (int(key.split("-")[0]), key))
+    for key in dict.fromkeys([*keys[:_TOP], *(keys[index] for index in spread(len(keys)))]):
+        box = _tile_box(index, key)
+        if box is None:
+            continue
+        if not index.holds(key, box):
+            return "the cubes of their tiles (bounds in ept.json)"
+        if not index.conforms(box):
+            return "boundsConforming in ept.json"
+    return None
+
+
+def _tile_box(index: EptIndex, key: str) -> Optional[Bounds]:
+    """The box of a tile's points; of a LAZ tile as its header has it."""
+    path = index.tile(key)
+    if not path.is_file():
+        return None  # told when it is read
+    if index.data_type == "laszip":
+        return read_layout(path).bounds
+    _, box = survey(_read_binary(index, path, index.tiles[key], DEFAULT_CHUNK))
+    return box
 
 
 def _read_tile(index: EptIndex, key: str, count: int, size: int) -> Iterator[Chunk]:
@@ -82,7 +143,6 @@ def _read_binary(index: EptIndex, path: Path, count: int, size: int) -> Iterator
         with naming(path, AGAIN):
             rows: npt.NDArray[np.void] = np.fromfile(path, row, points, offset=start * row.itemsize)
             x, y, z = (_scaled(rows[axis], columns[axis]) for axis in ("X", "Y", "Z"))
-        require_finite(path, x, y, z, start)
         yield sort_out(x, y, z, _classes(rows), _withheld(rows))
 
 

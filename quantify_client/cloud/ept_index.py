@@ -17,12 +17,13 @@ from ..crs.statements import Stated, Statement, merge
 from ..crs.wkt import statement_of_wkt
 from ..errors import CloudError
 from ..small_files import count_values
-from ..types import MAX_COORDINATE, Bounds
-from .base import naming
+from ..types import MAX_COORDINATE, Bounds, Window
+from .base import naming, within
 
 AGAIN = "expected a complete EPT set: copy or export the folder again"
 _MAX_JSON = 64 << 20  # bytes
 _MAX_VALUES = 3_000_000  # in one file, which is as many tiles as so many bytes hold
+_ROUNDING = 1e-3  # of the cube's edge
 _MAX_LEVEL = 60
 _MAX_TILES = 4_000_000  # a hundred billion points have half of that
 _MAX_PARTS = 20_000  # files of a hierarchy that is fetched
@@ -71,6 +72,26 @@ class EptIndex:
         edge = [(top - bottom) / 2.0**level for bottom, top in zip(low, high)]
         start = [low[axis] + edge[axis] * place[axis] for axis in range(3)]
         return Bounds(*start, *(start[axis] + edge[axis] for axis in range(3)))
+
+    @property
+    def rounding(self) -> float:
+        """How far points may lie outside their cubes: such boxes are often rounded."""
+        return _ROUNDING * (self.cube.max_x - self.cube.min_x)
+
+    def widened(self, window: Window) -> Window:
+        """Return a window whose tiles hold all points of the one given."""
+        some = self.rounding
+        return Window(
+            window.min_x - some, window.min_y - some, window.max_x + some, window.max_y + some
+        )
+
+    def holds(self, key: str, box: Optional[Bounds]) -> bool:
+        """Whether a tile's cube is around a box of points."""
+        return box is None or within(box, self.box(key), self.rounding)
+
+    def conforms(self, box: Bounds) -> bool:
+        """Whether the box that ept.json has for all points is around some of them."""
+        return within(box, self.conforming, self.rounding)
 
     def tile(self, key: str) -> Path:
         """The file of a tile."""
@@ -127,17 +148,11 @@ def read_index(source: Path, fetch: Optional[Fetch] = None) -> EptIndex:
 
 def _require_cube(index: EptIndex) -> None:
     """Tiles are found by their place in the cube: one elsewhere would lose points quietly."""
-    for axis in "xyz":
-        low, high = (getattr(index.cube, f"{end}_{axis}") for end in ("min", "max"))
-        some = 1e-3 * (high - low)  # such boxes are often rounded
-        if (
-            getattr(index.conforming, f"min_{axis}") < low - some
-            or getattr(index.conforming, f"max_{axis}") > high + some
-        ):
-            raise CloudError(
-                f"{index.source}: its points reach beyond its cube (bounds and boundsConforming, "
-                f"in {axis}); {AGAIN}"
-            )
+    if not within(index.conforming, index.cube, index.rounding):
+        raise CloudError(
+            f"{index.source}: its points reach beyond its cube (bounds and boundsConforming); "
+            f"{AGAIN}"
+        )
 
 
 def _inside(root: Path, name: str) -> Path:

@@ -17,10 +17,11 @@ import numpy.typing as npt
 from laspy import DecompressionSelection
 
 from ..errors import CloudError
-from ..types import Chunk, CloudInfo, FloatArray, Window
-from .base import DEFAULT_CHUNK, naming, sort_out, survey
+from ..types import Bounds, Chunk, CloudInfo, FloatArray, Window
+from .base import DEFAULT_CHUNK, coarse, naming, overlap, sort_out, survey
 from .las_crs import crs_of
 from .las_header import AGAIN, LasLayout
+from .las_sample import sample
 from .laz_chunks import Watch
 
 Bytes = npt.NDArray[np.uint8]
@@ -41,9 +42,11 @@ class LasCloud:
         self._layout, path = layout, layout.path
         found = crs_of(self._layout.header)
         bounds, warnings = self._layout.bounds, found.warnings
-        if bounds is None and self._layout.count:
-            _, bounds = survey(self.chunks())
-            warnings += (f"{path}: the bounds in its header are no box; the points were read",)
+        if self._layout.count and (bounds is None or not sample_lies_within(layout, bounds)):
+            _, own = survey(self.chunks())
+            bounds, said = _instead(path, bounds, own)
+            warnings += said
+        warnings += coarse(path, layout.header.scales, bounds, layout.count)
         self.info = CloudInfo(
             sources=(str(path),),
             format=self._format(),
@@ -61,6 +64,41 @@ class LasCloud:
     def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
         """Deliver all points in file order; there is no index, so `window` has no effect."""
         return read_points(self._layout, size)
+
+
+def _instead(
+    path: Path, told: Optional[Bounds], own: Optional[Bounds]
+) -> Tuple[Optional[Bounds], Tuple[str, ...]]:
+    """Return the points' own box instead of that in the header, and what there is to say."""
+    if told is None:
+        return own, (f"{path}: the bounds in its header are no box; the points were read",)
+    if own is not None and not overlap(told, own):
+        raise CloudError(
+            f"{path}: no point lies within the bounds that its header gives; expected all of them "
+            "there: the header is another file's; export it again"
+        )
+    return own, (
+        f"{path}: points lie outside the bounds in its header; all points were read, and their own "
+        "bounds taken",
+    )
+
+
+def sample_lies_within(layout: LasLayout, bounds: Bounds) -> bool:
+    """Whether a few points from all over the file lie within a box, a step of theirs more or less.
+
+    A box that leaves out a good part of the points is found by it; one that leaves out a few is
+    found when all are read.
+    """
+    with naming(layout.path, AGAIN):
+        parts = [decode(layout, records) for records in sample(layout)]
+    low = np.array([bounds.min_x, bounds.min_y, bounds.min_z]) - np.abs(layout.header.scales)
+    high = np.array([bounds.max_x, bounds.max_y, bounds.max_z]) + np.abs(layout.header.scales)
+    return all(
+        low[axis] <= values.min() and values.max() <= high[axis]
+        for part in parts
+        if len(part)
+        for axis, values in enumerate((part.x, part.y, part.z))
+    )
 
 
 def read_points(layout: LasLayout, size: int) -> Iterator[Chunk]:

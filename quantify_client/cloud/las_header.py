@@ -17,7 +17,7 @@ import numpy as np
 from ..errors import CloudError
 from ..types import MAX_COORDINATE, Bounds
 from .base import naming
-from .laz_chunks import Chunks, read_chunks
+from .laz_chunks import Chunks, read_chunks, require_empty
 
 AGAIN = "expected a complete LAS 1.0-1.4 or LAZ file: copy, download or export it again"
 _HEADER_SIZES = {0: 227, 1: 227, 2: 227, 3: 235, 4: 375}
@@ -62,6 +62,7 @@ def read_layout(path: Path) -> LasLayout:
         size = path.stat().st_size
         raw = _RawHeader.read(path, stream)
         raw.check(size)
+        raw.require_all_counted(stream, size)
         wkt = _evlr_wkt(path, stream, raw, size)
         stream.seek(0)
         header = laspy.LasHeader.read_from(stream, read_evlrs=False)
@@ -69,6 +70,8 @@ def read_layout(path: Path) -> LasLayout:
             header.evlrs = laspy.vlrs.vlrlist.VLRList([wkt])
         _check_scales(path, header)
         compressed = header.are_points_compressed and raw.count
+        if header.are_points_compressed and not raw.count:
+            require_empty(path, stream, raw.offset)
         chunks = _chunks(path, stream, raw, header) if compressed else None
         return LasLayout(path, header, raw.count, raw.offset, header.point_format.size, chunks)
 
@@ -87,6 +90,7 @@ class _RawHeader:
     count: int
     first_evlr: int
     evlrs: int
+    waves: int
 
     @classmethod
     def read(cls, path: Path, stream: BinaryIO) -> _RawHeader:
@@ -99,11 +103,15 @@ class _RawHeader:
         if len(head) < _HEADER_SIZES[minor]:
             raise CloudError(f"{path}: is truncated within its header; {AGAIN}")
         size, offset, vlrs, kind, length, count = struct.unpack_from("<HIIBHI", head, 94)
-        first_evlr = evlrs = 0
+        first_evlr = evlrs = waves = 0
+        if minor >= 3:
+            waves = struct.unpack_from("<Q", head, 227)[0]
         if minor >= 4:
             first_evlr, evlrs, count = struct.unpack_from("<QIQ", head, 235)
         compressed = bool(kind & 0x80)
-        return cls(path, minor, size, offset, vlrs, compressed, length, count, first_evlr, evlrs)
+        return cls(
+            path, minor, size, offset, vlrs, compressed, length, count, first_evlr, evlrs, waves
+        )
 
     def check(self, file_size: int) -> None:
         """Raise when the file cannot hold what the header promises."""
@@ -124,6 +132,26 @@ class _RawHeader:
             raise CloudError(
                 f"{self.path}: is truncated: its header promises {self.count} points, "
                 f"it holds {held}; {AGAIN}"
+            )
+
+    def require_all_counted(self, stream: BinaryIO, file_size: int) -> None:
+        """Raise when there are more records than the header promises.
+
+        What follows the points may be extended records, wave forms or padding.
+        """
+        if self.compressed or not self.record_length:
+            return
+        first = self.offset + self.count * self.record_length
+        follow = [at for at in (self.evlrs and self.first_evlr, self.waves) if at >= first]
+        spare = min([file_size, *follow]) - first
+        if spare < self.record_length or (self.count and spare % self.record_length):
+            return
+        stream.seek(first)
+        if stream.read(self.record_length).strip(b"\0"):
+            raise CloudError(
+                f"{self.path}: its header promises {self.count} points, and "
+                f"{spare // self.record_length} more records follow them, which would be lost; "
+                "expected a header that counts them all: write or export it again"
             )
 
 

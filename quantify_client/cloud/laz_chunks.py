@@ -14,10 +14,11 @@ from pathlib import Path
 from typing import Any, BinaryIO, List, Optional, Sequence, Tuple
 
 import lazrs
+import numpy as np
 
 from ..errors import CloudError
 
-__all__ = ["LARGEST_CHUNK", "Chunks", "Watch", "read_chunks"]
+__all__ = ["LARGEST_CHUNK", "Chunks", "Watch", "read_chunks", "require_empty"]
 
 LARGEST_CHUNK = 256 << 20
 """Bytes of one chunk's points that are held at most; chunks are of 2 MB as a rule."""
@@ -28,6 +29,8 @@ _VARIABLE = 0xFFFFFFFF
 _ITEMS = 34  # bytes of a LASzip record before its items, of six bytes each
 _LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}  # by kind of item: point, colours, with infrared, wave form
 _BYTES = 14  # the kind of item that has a layer for each of its bytes
+_SLACK = 64  # bytes at the end of a chunk that its last points may not need
+_LARGEST_LOOK = 64 << 20  # bytes of points decoded to see whether there are more
 _AGAIN = "expected a complete LAZ file: copy, download or export it again"
 
 
@@ -156,7 +159,58 @@ def read_chunks(
             f"{path}: its header promises {count} points, its chunks hold "
             f"{'at most ' if chunk_size != _VARIABLE else ''}{held}; {_AGAIN}"
         )
-    return Chunks(path, record, table, offset + 8, largest * point <= LARGEST_CHUNK)
+    chunks = Chunks(path, record, table, offset + 8, largest * point <= LARGEST_CHUNK)
+    if chunk_size != _VARIABLE and count:
+        _require_all_counted(chunks, stream, count, chunk_size, point)
+    return chunks
+
+
+def require_empty(path: Path, stream: BinaryIO, offset: int) -> None:
+    """Raise CloudError when there are chunks, of which the header counts no point."""
+    size = stream.seek(0, 2)
+    if (_table_position(stream, offset, size) or 0) > offset + 8:
+        raise _uncounted(path, 0)
+
+
+def _uncounted(path: Path, count: int) -> CloudError:
+    return CloudError(
+        f"{path}: its header promises {count} points, its chunks hold more: points would be lost; "
+        "expected a header that counts them all: write or export it again"
+    )
+
+
+def _require_all_counted(
+    chunks: Chunks, stream: BinaryIO, count: int, chunk_size: int, point: int
+) -> None:
+    """Raise CloudError when the last chunk holds more points than the header leaves for it."""
+    before = chunk_size * (len(chunks.table) - 1)
+    last = count - before
+    if last > 0:
+        length = chunks.table[-1][1]
+        stream.seek(chunks.start + sum(size for _, size in chunks.table[:-1]))
+        more = _holds_more(chunks, stream.read(length), last, point)
+    if last <= 0 or more:
+        raise _uncounted(chunks.path, count)
+
+
+def _holds_more(chunks: Chunks, data: bytes, points: int, point: int) -> bool:
+    """Whether a chunk holds more than some points.
+
+    From point format 6 on it says how many; below, decoding them would leave bytes over.
+    """
+    if chunks.head:
+        at = chunks.head - 4 * _layers(chunks.record) - 4
+        return len(data) >= chunks.head and struct.unpack_from("<I", data, at)[0] > points
+    if len(data) <= _SLACK or points * point > _LARGEST_LOOK:
+        return False
+    out = np.empty(points * point, dtype=np.uint8)
+    try:
+        lazrs.decompress_points_with_chunk_table(
+            data[:-_SLACK], chunks.record, out, [(points, len(data) - _SLACK)]
+        )
+    except (lazrs.LazrsError, RuntimeError):
+        return False
+    return True
 
 
 def _table(path: Path, stream: BinaryIO, record: bytes, offset: int, count: int) -> List[Any]:
@@ -164,11 +218,7 @@ def _table(path: Path, stream: BinaryIO, record: bytes, offset: int, count: int)
         f"{path}: is truncated: it has no complete table of its compressed chunks; {_AGAIN}"
     )
     size = stream.seek(0, 2)
-    stream.seek(offset)
-    position = _int64(stream.read(8))
-    if position == -1:  # written as a stream: the position is at the very end instead
-        stream.seek(max(size - 8, 0))
-        position = _int64(stream.read(8))
+    position = _table_position(stream, offset, size)
     if position is None or position < offset + 8 or position + 8 > size:
         raise truncated
     stream.seek(position + 4)
@@ -183,6 +233,15 @@ def _table(path: Path, stream: BinaryIO, record: bytes, offset: int, count: int)
     if sum(length for _, length in table) > position - offset:
         raise truncated
     return table
+
+
+def _table_position(stream: BinaryIO, offset: int, size: int) -> Optional[int]:
+    stream.seek(offset)
+    position = _int64(stream.read(8))
+    if position == -1:  # written as a stream: the position is at the very end instead
+        stream.seek(max(size - 8, 0))
+        position = _int64(stream.read(8))
+    return position
 
 
 def _int64(data: bytes) -> Optional[int]:

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from ..errors import CloudError
 from ..types import Bounds, Chunk, CloudInfo, Faces, FloatArray, Window
-from .base import DEFAULT_CHUNK, naming, require_finite, sort_out, survey
+from .base import DEFAULT_CHUNK, mostly_sound, naming, sort_out, survey
 from .lines import Lines
 from .ply_header import PlyHeader, read_header
 from .ply_rows import FACES, element_offset, faces_of, read_faces
@@ -58,16 +58,16 @@ class PlyCloud:
 
     def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
         """Deliver all points in file order; there is no index, so `window` has no effect."""
+        return mostly_sound(self._path, self._sorted(size))
+
+    def _sorted(self, size: int) -> Iterator[Chunk]:
         columns = self._header.columns
         classed = self._has_classes()
         read = self._binary if self._header.order else self._ascii
         names = [columns[name] for name in ("x", "y", "z", *((_CLASS,) if classed else ()))]
-        done = 0
         for values in read(names, size):
-            with np.errstate(invalid="ignore"):  # NaN of single precision, told below
+            with np.errstate(invalid="ignore"):  # NaN of single precision, left out below
                 x, y, z = (np.ascontiguousarray(v, dtype=np.float64) for v in values[:3])
-            require_finite(self._path, x, y, z, done)
-            done += len(x)
             yield sort_out(x, y, z, values[3].astype(np.uint8) if classed else None)
 
     def _has_classes(self) -> bool:

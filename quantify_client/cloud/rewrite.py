@@ -39,6 +39,7 @@ __all__ = ["WRITTEN", "RewriteReport", "require_rewritable", "rewrite_cloud"]
 WRITTEN = (".laz", ".las")
 """The endings that can be written."""
 
+_AT_LEAST = "expected at least one"
 _CHUNK = 500_000  # points at a time: half of what measuring takes, whose points are not kept whole
 _READERS: Dict[str, Callable[[Path], PointSource]] = {
     ".las": read_las,
@@ -114,8 +115,8 @@ def rewrite_cloud(
     plan, places, warnings = _plan(sources, out, move, bounds, wkt)
     real = real_path(out)
     with explaining(out), staging(real.parent) as working:
-        box = _write(working / real.name, out, sources, places, plan, move, progress)
-        written = RewriteReport(plan.count, out, box, warnings)
+        box, lost = _write(working / real.name, out, sources, places, plan, move, progress)
+        written = RewriteReport(plan.count - lost, out, box, (*warnings, *_lost(lost)))
         put_in_place(working, [real.name, *(beside(written, working) if beside else ())], inputs)
     return written
 
@@ -128,17 +129,27 @@ def _write(
     plan: Plan,
     move: Move,
     progress: Optional[Callable[[str, float], None]],
-) -> Bounds:
-    """Write everything to `path`, which messages call `out`."""
+) -> Tuple[Bounds, int]:
+    """Write everything to `path`, `out` in messages; return the box, and rows without a place."""
     with path.open("xb") as stream:
         writer = LasWriter(out, stream, plan)
-        _stream(sources, places, plan.schema, move, writer, progress or (lambda stage, share: None))
-        if writer.count != plan.count:
+        tell = progress or (lambda stage, share: None)
+        lost = _stream(sources, places, plan.schema, move, writer, tell)
+        if writer.count + lost != plan.count:
             raise CloudError(
-                f"{sources[0].path}: {writer.count} points could be read, expected {plan.count}; "
-                "give the files when nothing writes to them"
+                f"{sources[0].path}: {writer.count + lost} points could be read, expected "
+                f"{plan.count}; give the files when nothing writes to them"
             )
-        return writer.close()
+        if not writer.count:
+            raise CloudError(f"{sources[0].path}: no point has finite coordinates; {_AT_LEAST}")
+        return writer.close(), lost
+
+
+def _lost(count: int) -> Tuple[str, ...]:
+    if not count:
+        return ()
+    points = "1 point has" if count == 1 else f"{count} points have"
+    return (f"{points} a coordinate that is NaN or infinite: left out, the others are written",)
 
 
 def require_rewritable(paths: Sequence[Path], out: Path) -> None:
@@ -179,7 +190,7 @@ def _open(paths: Sequence[Path]) -> List[PointSource]:
             )
         sources.append(_READERS.get(path.suffix.lower(), TextSource)(path))
     if not any(source.count for source in sources):
-        raise CloudError(f"{files[0]}: holds no points; expected at least one")
+        raise CloudError(f"{files[0]}: holds no points; {_AT_LEAST}")
     return sources
 
 
@@ -245,11 +256,16 @@ def _stream(
     move: Move,
     writer: LasWriter,
     progress: Callable[[str, float], None],
-) -> None:
+) -> int:
+    """Write all points; return how many rows had no place."""
+    lost = 0
     total = sum(source.count for source in sources)
     progress("writing points", 0.0)
     for source, place in zip(sources, places):
         for block in source.blocks(_CHUNK):
             rows = conform(block.rows, source.schema, target, place)
-            writer.write(rows, *move(block.x, block.y, block.z))
-            progress("writing points", min(writer.count / total, 1.0))
+            if len(rows):
+                writer.write(rows, *move(block.x, block.y, block.z))
+            lost += block.lost
+            progress("writing points", min((writer.count + lost) / total, 1.0))
+    return lost

@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import CloudError
-from .base import naming, require_places
+from .base import naming
 from .ept_index import AGAIN, EptIndex, read_index
 from .rewrite_schema import Schema
-from .rewrite_source import Block, Origin, PointSource, read_las
+from .rewrite_source import Block, Origin, PointSource, placed_block, read_las
 from .rewrite_table import Column, Values, with_misfits_apart
 
 _KINDS = {"signed": "i", "unsigned": "u", "float": "f"}
@@ -83,11 +83,10 @@ class BinaryTiles:
         """Deliver all points, tile by tile."""
         done = 0
         for values in self._values(size):
-            with np.errstate(invalid="ignore"):  # NaN of single precision, told below
+            with np.errstate(invalid="ignore"):  # NaN of single precision, left out below
                 x, y, z = (np.array(values[axis], dtype=np.float64) for axis in self._axes)
-            require_places(self.path, x, y, z, done)
+            yield placed_block(self.path, x, y, z, self._arranged.rows(values, len(x)), done)
             done += len(x)
-            yield Block(x, y, z, self._arranged.rows(values, len(x)))
 
     def _values(self, size: int) -> Iterator[Values]:
         for key, count in self._index.tiles.items():

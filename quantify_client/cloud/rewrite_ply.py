@@ -10,12 +10,12 @@ import numpy.typing as npt
 
 from ..errors import CloudError
 from ..types import Bounds, FloatArray
-from .base import naming, require_places
+from .base import naming
 from .ply import ascii_rows, short
 from .ply_header import PlyHeader, read_header
 from .ply_rows import element_offset
 from .rewrite_schema import Schema
-from .rewrite_source import Block, Origin
+from .rewrite_source import Block, Origin, placed_block
 from .rewrite_table import Column, Values, with_misfits_apart
 
 _AGAIN = "expected a complete PLY file: copy, download or export it again"
@@ -50,11 +50,10 @@ class PlySource:
         """Deliver all points; CloudError when there are fewer than the header promises."""
         done = 0
         for values in self._values(size):
-            with np.errstate(invalid="ignore"):  # NaN of single precision, told below
+            with np.errstate(invalid="ignore"):  # NaN of single precision, left out below
                 x, y, z = (np.array(values[axis], dtype=np.float64) for axis in self._axes)
-            require_places(self.path, x, y, z, done)
+            yield placed_block(self.path, x, y, z, self._arranged.rows(values, len(x)), done)
             done += len(x)
-            yield Block(x, y, z, self._arranged.rows(values, len(x)))
 
     def _values(self, size: int) -> Iterator[Values]:
         return self._binary(size) if self._header.order else self._ascii(size)

@@ -17,7 +17,7 @@ from laspy import DecompressionSelection
 
 from ..errors import CloudError
 from ..types import Bounds, FloatArray
-from .base import naming
+from .base import finite_rows, naming, require_on_map
 from .las import MAX_BUFFER, record_reader
 from .las_header import AGAIN, LasLayout, read_layout
 from .rewrite_records import Record, read_records
@@ -26,12 +26,34 @@ from .rewrite_schema import Rows, Schema, schema_of
 
 @dataclass(frozen=True)
 class Block:
-    """Some points: (N,) float64 coordinates as the file has them, and (N,) records."""
+    """Some points: (N,) float64 coordinates as the file has them, and (N,) records.
+
+    ``lost`` counts the rows left out among them, which have no place: NaN or infinite coordinates.
+    """
 
     x: FloatArray
     y: FloatArray
     z: FloatArray
     rows: Rows
+    lost: int = 0
+
+
+def placed_block(
+    path: Path, x: FloatArray, y: FloatArray, z: FloatArray, rows: Rows, first: int
+) -> Block:
+    """Return the rows that have a place; `first` is how many of the file come before these.
+
+    Raises
+    ------
+    CloudError
+        A coordinate beyond any map.
+    """
+    keep = finite_rows(x, y, z)
+    if keep is None:
+        require_on_map(path, x, y, z, first)
+        return Block(x, y, z, rows)
+    require_on_map(path, x[keep], y[keep], z[keep], first)
+    return Block(x[keep], y[keep], z[keep], rows[keep], int((~keep).sum()))
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from ..sfm.outputs import Source
 from ..streaming import nothing_usable
 from ..types import AreaFailure, AreaResult, Bounds, CloudInfo, Measurement, Options, Window
 from ..version import package_version
+from .accounting import losses
 
 __all__ = [
     "Result",
@@ -124,6 +125,7 @@ def measurement_of(
     """Return all results of one call, without its provenance."""
     if method == "terrain":
         warnings = (*only_vertices(source, "terrain is measured from points"), *warnings)
+    counts = [r.points_left_out for r in results if isinstance(r, AreaResult)]
     return Measurement(
         source=source.label,
         crs=frame.crs,
@@ -132,7 +134,7 @@ def measurement_of(
         method=method,
         grid_scale_factor=factor,
         results=tuple(results),
-        warnings=(*cloud_warnings(source, frame), *warnings),
+        warnings=(*cloud_warnings(source, frame), *losses(counts), *warnings),
         provenance={},
         frame=frame,
     )

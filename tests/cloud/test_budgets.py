@@ -234,5 +234,5 @@ def test_nan_of_single_precision_says_nothing_on_stderr(tmp_path):
     data = path.read_bytes()
     at = data.index(b"end_header\n") + 11
     path.write_bytes(data[:at] + b"\x01\x00\x80\x7f" + data[at + 4 :])  # a signalling NaN
-    with pytest.raises(CloudError, match="NaN or infinite"):
-        open_cloud([path])
+    (chunk,) = open_cloud([path]).chunks()  # a numpy warning would be an error
+    assert (len(chunk), chunk.left_out) == (99, {"NaN or infinite coordinate": 1})

@@ -1,0 +1,66 @@
+"""A few records from all over a LAS or LAZ file, at the cost of none of the others."""
+
+from __future__ import annotations
+
+from typing import BinaryIO, Iterator
+
+import lazrs
+import numpy as np
+import numpy.typing as npt
+from laspy import DecompressionSelection
+
+from ..errors import CloudError
+from .las_header import LasLayout
+from .laz_chunks import Chunks
+
+__all__ = ["sample", "spread"]
+
+_ALL = DecompressionSelection.all()
+_PLACES, _POINTS = 32, 50_000
+_LONGEST = 8 << 20  # bytes of a chunk that is read for it; 0.5 MB as a rule
+
+
+def sample(layout: LasLayout) -> Iterator[npt.NDArray[np.uint8]]:
+    """Deliver complete records: about 50,000 from 32 places, or from fewer that are longer."""
+    with layout.path.open("rb") as stream:
+        yield from (
+            _of_chunks(layout, layout.chunks, stream) if layout.chunks else _plain(layout, stream)
+        )
+
+
+def _plain(layout: LasLayout, stream: BinaryIO) -> Iterator[npt.NDArray[np.uint8]]:
+    length, most = layout.record_length, _POINTS // _PLACES
+    for first in spread(layout.count):
+        stream.seek(layout.offset + first * length)
+        data = stream.read(min(most, layout.count - first) * length)
+        yield np.frombuffer(data[: len(data) // length * length], dtype=np.uint8)
+
+
+def _of_chunks(
+    layout: LasLayout, chunks: Chunks, stream: BinaryIO
+) -> Iterator[npt.NDArray[np.uint8]]:
+    """Decode the start of some chunks: what is further inside would cost all before it."""
+    starts = np.cumsum([0, *(points for points, _ in chunks.table)]).tolist()
+    places = np.cumsum([chunks.start, *(length for _, length in chunks.table)]).tolist()
+    most = _POINTS // max(min(_PLACES, len(chunks.table)), 1)
+    for index in spread(len(chunks.table)):
+        length = chunks.table[index][1]
+        points = min(most, chunks.table[index][0], layout.count - starts[index])
+        if points <= 0 or not 0 < length <= _LONGEST:
+            continue
+        stream.seek(places[index])
+        data = stream.read(length)
+        records = np.empty(points * layout.record_length, dtype=np.uint8)
+        try:
+            chunks.check(data[: chunks.head], length)
+            lazrs.decompress_points_with_chunk_table(
+                data, chunks.record, records, [(points, length)], _ALL.to_lazrs()
+            )
+        except (CloudError, lazrs.LazrsError):
+            continue  # told when it is read
+        yield records
+
+
+def spread(count: int) -> Iterator[int]:
+    """Return up to 32 numbers below a count, the first and the last among them."""
+    return iter(np.unique(np.linspace(0, max(count - 1, 0), min(_PLACES, count)).astype(int)))
