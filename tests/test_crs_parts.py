@@ -40,6 +40,11 @@ def test_each_part_of_a_crs_has_its_key(tmp_path: Path) -> None:
     assert contrary["datum"] == []
 
 
+def test_metres_of_heights_that_a_crs_does_not_show_are_said(tmp_path: Path) -> None:
+    path = las(tmp_path / "a.las", IOWA, (1, 1), geokeys({1024: 1, 3072: 26915, 4099: 9001}))
+    assert parts(describe(path))["vertical unit"] == ("metre", "GeoTIFF key 4099")
+
+
 def test_a_projection_spelled_out_has_its_keys(tmp_path: Path) -> None:
     keys = {1024: 1, 2048: 4326, 3072: 32767, 3074: 16015, 3076: 9001, 4099: 9003}
     found = parts(describe(las(tmp_path / "a.las", IOWA, (1.0, US_FT), geokeys(keys))))

@@ -67,9 +67,9 @@ def test_different_crs_differ_in_their_parts(one: int, other: int, parts: Tuple[
     assert differences(pyproj.CRS(one), pyproj.CRS(other)) == parts
 
 
-def test_parameters_rounded_to_nine_digits_are_the_same() -> None:
+def test_parameters_rounded_to_less_than_a_millimetre_are_the_same() -> None:
     exact = pyproj.CRS(2277).to_wkt("WKT1_GDAL")
-    rounded = exact.replace("30.1166666666667", "30.116666667").replace("3333333", "333333")
+    rounded = exact.replace("30.1166666666667", "30.1166667").replace("3333333", "333333")
     assert rounded != exact
     assert same_coordinates(rounded, "EPSG:2277")
     assert not same_coordinates(exact.replace("30.1166666666667", "30.2"), "EPSG:2277")

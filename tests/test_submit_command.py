@@ -72,6 +72,21 @@ def test_without_control_the_size_is_the_node_s(known, submit):
     assert result["volume_m3"] == pytest.approx(VOLUME_M3 * 0.97**3, rel=0.005)
 
 
+def test_the_units_that_were_given_are_those_of_measuring(known, submit, tmp_path):
+    prj = tmp_path / "mine.prj"
+    prj.write_text("EPSG:32617")
+    more = ("--area", known.area, "--base", "plane", "--crs", prj, "--vertical-unit", "us-ft")
+    status, out, err = submit(*more, "--json")
+    assert status == 0, err
+    document = json.loads(out)
+    said = {part["part"]: part for part in document["provenance"]["coordinates"]}
+    assert (said["CRS"]["source"], said["vertical unit"]["source"]) == ("--crs", "--vertical-unit")
+    (result,) = document["results"]
+    assert result["volume_m3"] == pytest.approx(VOLUME_M3 * 0.97**3 * 1200 / 3937, rel=0.005)
+    kept = json.loads((tmp_path / "job" / "job.json").read_text())
+    assert "mine.prj" not in json.dumps(kept)  # its text is kept: the file may be gone tomorrow
+
+
 def test_people_see_what_is_sent_how_it_goes_and_the_result(known, submit):
     status, out, err = submit("--area", known.area)
     assert status == 0

@@ -7,6 +7,7 @@ import ssl
 import stat
 import subprocess
 import uuid
+from types import SimpleNamespace
 
 import pytest
 from nodeodm import TOKEN, NodeODM
@@ -14,6 +15,7 @@ from pace import PACE
 from photographs import all_zip, photograph, photographs
 from webodm import PASSWORD, USER, WebODM
 
+from quantify_client.commands.kept import kept_options
 from quantify_client.errors import JobError, ServerError
 from quantify_client.jobs import Confirmed, cancel_job, create_job, plan_job, run_job
 from quantify_client.jobs.journal import load
@@ -340,3 +342,14 @@ def test_user_is_who_is_asked_for_on_the_command_line(foreign):
         named = Confirmed(server.url, [foreign.images[0].parent])
         run_job(foreign.folder, access=Access(USER, PASSWORD), pace=PACE, confirmed=named)
         assert (foreign.folder / "all.zip").read_bytes() == server.archive
+
+
+def test_a_journal_names_no_file_for_its_crs(tmp_path):
+    (tmp_path / "mine.prj").write_text("EPSG:32615")
+    for crs in ("EPSG:32615", str(tmp_path / "mine.prj")):
+        job = SimpleNamespace(then={"options": {"crs": crs}})
+        if crs.startswith("EPSG"):
+            assert kept_options(tmp_path, job) == {"crs": crs}
+            continue
+        with pytest.raises(JobError, match="is no CRS that is known here"):
+            kept_options(tmp_path, job)
