@@ -8,14 +8,14 @@ from dataclasses import asdict, replace
 from datetime import datetime, timezone
 from functools import partial
 from pathlib import Path
-from typing import Any, Mapping, Optional, Union
+from typing import Any, Mapping, Optional, Tuple, Union
 
 from ..choices import check_options, choose_shape
-from ..crs import measuring_frame
+from ..crs import Frame, measuring_frame
 from ..sfm.access import Access
-from ..sfm.outputs import open_source
+from ..sfm.outputs import Source, open_source
 from ..streaming import Progress
-from ..types import Measurement, Options
+from ..types import Floor, Measurement, Options
 from .body import find_floor, measure_object
 from .common import cloud_warnings, provenance
 from .mesh import ByFaces, measure_faces
@@ -104,9 +104,7 @@ def describe(
             spacing = math.sqrt(ground / info.point_count)
         shape = choose_shape(Options(), has_crs=frame.crs is not None, is_odm=source.is_odm)
         is_object = bounds is not None and shape == "object"
-        faces = measure_faces(source, frame, Options(), report) if is_object else ()
-        by_faces = isinstance(faces, ByFaces)
-        floor = find_floor(source, frame, report) if is_object and not by_faces else None
+        floor, notes = _standing(source, frame, report) if is_object else (None, ())
         return {
             "schema": "quantify-client/1",
             "source": source.label,
@@ -122,5 +120,15 @@ def describe(
             "mean_spacing_m": spacing,
             "shape": shape,
             "floor": floor and asdict(floor),
-            "warnings": [*cloud_warnings(source, frame, None), *(() if by_faces else faces)],
+            "warnings": [*cloud_warnings(source, frame, None), *notes],
         }
+
+
+def _standing(
+    source: Source, frame: Frame, report: Progress
+) -> Tuple[Optional[Floor], Tuple[str, ...]]:
+    """Return what a body stands on, which one that its faces close does not; and warnings."""
+    faces = measure_faces(source, frame, Options(), report)
+    if isinstance(faces, ByFaces):
+        return None, faces.warnings
+    return find_floor(source, frame, report), faces
