@@ -8,14 +8,14 @@ from dataclasses import asdict, replace
 from datetime import datetime, timezone
 from functools import partial
 from pathlib import Path
-from typing import Any, Mapping, Optional, Union
+from typing import Any, Mapping, Optional, Tuple, Union
 
 from ..choices import check_options, choose_shape
-from ..crs import measuring_frame
+from ..crs import Frame, measuring_frame
 from ..sfm.access import Access
 from ..sfm.outputs import Source, is_address, open_source
 from ..streaming import Progress
-from ..types import Measurement, Options
+from ..types import Floor, Measurement, Options
 from .accounting import every_point, left_out, losses
 from .body import find_floor, measure_object
 from .checking import with_check_words
@@ -120,9 +120,7 @@ def _described(source: Source, source_unit: Optional[str], report: Progress) -> 
         spacing = math.sqrt(ground / info.point_count)
     shape = choose_shape(Options(), has_crs=frame.crs is not None, is_odm=source.is_odm)
     is_object = bounds is not None and shape == "object"
-    faces = measure_faces(source, frame, Options(), report) if is_object else ()
-    by_faces = isinstance(faces, ByFaces)
-    floor = find_floor(source, frame, report) if is_object and not by_faces else None
+    floor, notes = _standing(source, frame, report) if is_object else (None, ())
     count = _MOST_READ if is_address(source.label) else info.point_count or 0
     lost = losses([left_out(source.cloud)]) if count < _MOST_READ else ()
     return {
@@ -141,5 +139,15 @@ def _described(source: Source, source_unit: Optional[str], report: Progress) -> 
         "mean_spacing_m": spacing,
         "shape": shape,
         "floor": floor and asdict(floor),
-        "warnings": [*cloud_warnings(source, frame), *lost, *(() if by_faces else faces)],
+        "warnings": [*cloud_warnings(source, frame), *lost, *notes],
     }
+
+
+def _standing(
+    source: Source, frame: Frame, report: Progress
+) -> Tuple[Optional[Floor], Tuple[str, ...]]:
+    """Return what a body stands on, which one that its faces close does not; and warnings."""
+    faces = measure_faces(source, frame, Options(), report)
+    if isinstance(faces, ByFaces):
+        return None, faces.warnings
+    return find_floor(source, frame, report), faces

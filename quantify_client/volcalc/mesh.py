@@ -100,21 +100,17 @@ def _result(
     here: FloatArray,
     origin: FloatArray,
     mesh: Closed,
-    other_volume: Optional[float],
+    split: Optional[float],
     recipe: MeshRecipe,
 ) -> AreaResult:
     volume = _volume(here, mesh.triangles)
     surface = surface_of_mesh(here, mesh.triangles)
     zero = float(origin[2])
-    height = surface.highest - surface.lowest
-    count = slab_count(height, recipe.slices, recipe.slice_height, _AUTO_SLICES)
-    edges = slab_edges(surface.lowest, surface.highest, count)
+    edges = _edges(surface, recipe)
     area = _area(here, mesh.triangles)
     std = None if recipe.accuracy is None else recipe.accuracy * area
     used = np.unique(mesh.triangles)
-    checks: Tuple[Check, ...] = ()
-    if other_volume is not None:
-        checks = (Check("polygons split elsewhere", abs(other_volume)),)
+    checks = () if split is None else (Check("polygons split elsewhere", abs(split)),)
     return AreaResult(
         name=name,
         volume_m3=volume,
@@ -129,7 +125,7 @@ def _result(
         perimeter_m=None,
         min_z_m=surface.lowest + zero,
         max_z_m=surface.highest + zero,
-        max_height_m=height,
+        max_height_m=float(edges[-1] - edges[0]),
         coverage=None,
         points_used=len(used),
         points_left_out={"in no face that counts": len(here) - len(used)},
@@ -261,6 +257,12 @@ def _parts(surface: Surface) -> Iterator[Surface]:
             surface.bottom[part],
             surface.top[part],
         )
+
+
+def _edges(surface: Surface, recipe: MeshRecipe) -> FloatArray:
+    height = surface.highest - surface.lowest
+    count = slab_count(height, recipe.slices, recipe.slice_height, _AUTO_SLICES)
+    return slab_edges(surface.lowest, surface.highest, count)
 
 
 def _slices(

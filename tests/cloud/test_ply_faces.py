@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -96,6 +97,19 @@ def test_list_longer_than_the_file_costs_nothing(tmp_path):
     path.write_bytes(data)
     with pytest.raises(CloudError, match="truncated"):
         faces_in(path)
+
+
+def test_more_than_a_file_has_left_is_never_asked_for():
+    class Stream(BytesIO):
+        def read(self, count=-1):
+            assert 0 <= count <= 10
+            return super().read(count)
+
+    stream = ply_rows._Headed(b"ply", Stream(b"0123456789"), 10)
+    assert [stream.read(9), stream.read(4), stream.read(7), stream.read(-1)] == [
+        b"ply", b"0123", b"", b""
+    ]  # fmt: skip
+    assert stream.read(6) == b"456789"
 
 
 def test_faces_of_differing_length_beyond_the_limit_are_told(tmp_path, monkeypatch):
