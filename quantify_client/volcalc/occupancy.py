@@ -8,7 +8,7 @@ tell what none would give. Neither sections nor tetrahedra are involved.
 
 from __future__ import annotations
 
-from typing import Optional
+from typing import NamedTuple, Optional
 
 import numpy as np
 from scipy.ndimage import binary_dilation, distance_transform_edt, label
@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from ..types import FloatArray, IntArray
 from .spacing import spacings
 
-__all__ = ["cover", "occupancy_volume"]
+__all__ = ["Occupancy", "cover", "occupancy_volume"]
 
 #: The spacing is that where points are nearly as sparse as anywhere: this quantile of all.
 _SPARSE = 0.9
@@ -34,8 +34,17 @@ _MOST_ALONG = 120  # cells along the longest side at most
 _FEWEST_CELLS = 30
 
 
-def occupancy_volume(points: FloatArray, patches: Optional[FloatArray] = None) -> Optional[float]:
-    """Return the enclosed volume, cubic metres, None where the flood gets in or walls are thin.
+class Occupancy(NamedTuple):
+    """The enclosed volume, and by how much Steiner's term corrected it, cubic metres."""
+
+    volume: float
+    correction: float
+
+
+def occupancy_volume(
+    points: FloatArray, patches: Optional[FloatArray] = None
+) -> Optional[Occupancy]:
+    """Return the enclosed volume, None where the flood gets in or walls are thin.
 
     Parameters
     ----------
@@ -57,8 +66,8 @@ def occupancy_volume(points: FloatArray, patches: Optional[FloatArray] = None) -
     )
     if not parts or parts != thick_parts:
         return None
-    square = (thick / thin) ** 2
-    return (square * volume - thick_volume) / (square - 1.0) * cell**3
+    correction = (volume - thick_volume) / ((thick / thin) ** 2 - 1.0)
+    return Occupancy((volume + correction) * cell**3, correction * cell**3)
 
 
 def cover(triangles: FloatArray, step: float) -> FloatArray:
