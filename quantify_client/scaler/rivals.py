@@ -134,8 +134,7 @@ def held_against_positions(network: Network) -> Tuple[Optional[Adjustment], floa
 def beside_positions(network: Network) -> Optional[Network]:
     """Return the lengths between points with positions, which are their places in a cloud.
 
-    Where elevations are unknown the points are level, and a length may be off by as much as it is
-    longer than the ground between them can be, up to the steepest slope.
+    Where elevations are unknown the points are level, and a length is as uncertain as the slope.
     """
     placed = network.placed
     up = np.where(network.levelled, network.elevation, _middle(network))
@@ -150,9 +149,10 @@ def beside_positions(network: Network) -> Optional[Network]:
     covariance[:, [0, 1], [0, 1]] = network.horizontal_sigma[:, None] ** 2
     covariance[:, 2, 2] = vertical**2
     steep = ~network.levelled[network.ends].all(axis=1)
-    least = apart - _APART * np.hypot(*network.horizontal_sigma[network.ends.T])
-    longer = np.clip(network.length - least, 0.0, (_STEEPEST - 1.0) * apart)
-    sigma = np.hypot(network.length_sigma, np.where(steep & chosen, longer, 0.0))
+    # Any slope up to the steepest is as likely: uniform, so its width / sqrt(12). It may not depend
+    # on what was read, or lengths that are too short by chance would count for more.
+    slope = (_STEEPEST - 1.0) / math.sqrt(12.0) * np.nan_to_num(apart)
+    sigma = np.hypot(network.length_sigma, np.where(steep & chosen, slope, 0.0))
     nothing = np.full_like(network.elevation, np.nan)
     alone = replace(
         network,
