@@ -17,7 +17,7 @@ from functools import cache
 import numpy as np
 from scipy import ndimage, optimize
 
-from ..types import FloatArray, IntArray
+from ..types import FloatArray
 from .robust import quantile
 
 __all__ = ["Noise", "functional_std", "measure_noise"]
@@ -89,14 +89,14 @@ class Noise:
 
 
 def measure_noise(
-    z: FloatArray, count: IntArray, filled: FloatArray, fraction: FloatArray
+    z: FloatArray, count: FloatArray, filled: FloatArray, fraction: FloatArray
 ) -> Noise:
     """Return the noise of cell heights, measured from the heights themselves.
 
     Parameters
     ----------
     z : (ny, nx) float64, metres; NaN where no points are.
-    count : (ny, nx) points of each cell.
+    count : (ny, nx) points of each cell, repetitions not counted.
     filled : `z` with its gaps closed.
     fraction : (ny, nx) share of each cell inside the area. The ground outside is less shaped
         than what is measured, and where there is enough of it, it tells the noise.
@@ -154,7 +154,7 @@ def _spreads(z: FloatArray, order: int) -> tuple[FloatArray, FloatArray]:
 def _cell_sigma(
     independent: float,
     z: FloatArray,
-    count: IntArray,
+    count: FloatArray,
     filled: FloatArray,
 ) -> FloatArray:
     """Return each cell's independent standard deviation.

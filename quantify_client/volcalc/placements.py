@@ -16,9 +16,9 @@ from shapely import affinity
 from shapely.geometry import MultiPolygon, Polygon
 
 from ..errors import SupportError
-from ..types import AreaResult, BudgetItem, FloatArray
-from .grid import Grid
-from .surface import Voxels
+from ..types import AreaResult, BudgetItem, FloatArray, Window
+from .heights import fit_cells
+from .surface import Cubes
 from .terrain import Recipe, measure_terrain
 
 __all__ = ["measure_area"]
@@ -31,14 +31,13 @@ _FEW_CELLS = 10_000
 _BASE_LEFT = 0.85
 
 #: Where the cells begin, as shares of a cell.
-_PLACES = ((0.5, 0.5), (0.5, 0.0), (0.0, 0.5))
+_PLACES = ((0.0, 0.5), (0.5, 0.0), (0.5, 0.5))
 
 
 def measure_area(
     name: str,
     polygon: Union[Polygon, MultiPolygon],
-    voxels: Voxels,
-    grid: Grid,
+    cubes: Cubes,
     points: FloatArray,
     recipe: Recipe,
 ) -> AreaResult:
@@ -47,20 +46,17 @@ def measure_area(
     Volumes are the means over the placements, with a budget that fits them; everything else is
     that of the first.
     """
-    first = measure_terrain(name, polygon, voxels, grid, points, recipe)
+    cubes = fit_cells(cubes, Window(*polygon.bounds))
+    first = measure_terrain(name, polygon, cubes, points, recipe)
     if first.cell_m is None or polygon.area > _FEW_CELLS * first.cell_m**2:
         return first
-    factor = round(first.cell_m / grid.cell)
-    steps = {(round(x * factor), round(y * factor)) for x, y in _PLACES}
     others = []
-    for east, north in sorted(steps - {(0, 0)}):
-        move = np.array([east * grid.cell, north * grid.cell, 0.0])
+    for east, north in ((round(x * cubes.factor), round(y * cubes.factor)) for x, y in _PLACES):
+        move = np.array([east * cubes.cell, north * cubes.cell, 0.0])
         moved = affinity.translate(polygon, move[0], move[1])
         try:
             others.append(
-                measure_terrain(
-                    name, moved, voxels, grid.further(east, north), points + move, recipe
-                )
+                measure_terrain(name, moved, cubes.further(east, north), points + move, recipe)
             )
         except SupportError:
             continue  # at the very limit of what is measured at all
