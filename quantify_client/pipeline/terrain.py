@@ -187,11 +187,11 @@ def _whole(
                 "no point of the cloud lies within the bounds that its header gives; expected all "
                 "of them there: export it again, or draw an area (--area)"
             )
-        core = core_window(cubes)
-        if core is None or _extent(core) > least * _extent(site):
+        core = _within(site, core_window(cubes))
+        if _extent(core) > least * _extent(site):
             break
         # Found in large cells, its edges are theirs: half empty is then still too coarse.
-        site, least = core.shifted(site.min_x, site.min_y), _LEAST_FILLED_AGAIN
+        site, least = core, _LEAST_FILLED_AGAIN
     corner = (site.min_x, site.min_y)
     outline = cloud_outline(cubes, site.shifted(-site.min_x, -site.min_y))
     seen = accumulator.seen
@@ -200,6 +200,19 @@ def _whole(
     lost = seen - int(cubes.count.sum()) - cubes.too_far
     ground = _Ground(source.stem, outline.polygon, corner, cubes, points, left_out)
     return ground, [*_strangers(lost), *_outsiders(outline.outside)]
+
+
+def _within(site: Window, part: Optional[Window]) -> Window:
+    """Return a part of the site that counts from its corner, in the frame; all of it for None."""
+    if part is None:
+        return site
+    part = part.shifted(site.min_x, site.min_y)
+    return Window(
+        max(part.min_x, site.min_x),
+        max(part.min_y, site.min_y),
+        min(part.max_x, site.max_x),
+        min(part.max_y, site.max_y),
+    )
 
 
 def _strangers(lost: int) -> List[str]:
@@ -241,6 +254,8 @@ class _Measuring:
             self._places.append(ground.place)
             self._heights.append(height_quantiles(ground.cubes, (0.01, 0.5, 0.99)))
         most = min(thread_count(self._options.threads), len(grounds))
+        if most == 1:
+            return {n: self._one(g) for n, g in grounds.items()}
         with ThreadPoolExecutor(most) as pool:
             return dict(zip(grounds, pool.map(self._one, grounds.values())))
 

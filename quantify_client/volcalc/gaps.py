@@ -1,4 +1,4 @@
-"""Why points do not support an area, in words."""
+"""Why an area cannot be measured with the points that it has, in words."""
 
 from __future__ import annotations
 
@@ -6,14 +6,44 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
+from ..errors import SupportError
 from ..types import FloatArray
 from .heights import CellHeights
 from .surface import Cubes
 
-__all__ = ["beyond_the_edge", "why_unsupported"]
+__all__ = ["beyond_the_edge", "require_fine", "why_unsupported"]
+
+#: Fewer cells than this hide the form of what more than this share of their parts has points of.
+_FEW_CELLS = 100
+_CROWDED = 0.9
 
 #: Openings of up to twice so many cells lie within a cloud, wider ones outside it.
 _OPENING = 3
+
+
+def require_fine(heights: CellHeights, fraction: FloatArray, parts: int) -> None:
+    """Refuse an area most of whose points crowd in a few cells, which hide their form.
+
+    Points far from each other, not their number, have then made the cells so large.
+
+    Parameters
+    ----------
+    fraction : (ny, nx) share of each cell inside the area.
+    parts : of a cell, in which points are told from repetitions.
+    """
+    inside = fraction > 0
+    count = heights.count[inside].astype(np.float64)
+    total, squares = count.sum(), np.square(count).sum()
+    if not total or total**2 >= _FEW_CELLS * squares:
+        return
+    full = heights.places[inside] >= -parts * np.log(1.0 - _CROWDED)
+    if count[full].sum() > 0.5 * total:
+        cells = total**2 / squares
+        raise SupportError(
+            f"most of the {total:.0f} points of the area crowd in {max(cells, 1):.0f} cells of "
+            f"{heights.window.cell:g} m, which the others, scattered far around, have made so "
+            "large; draw an area (--area) round what is to be measured, or remove those points"
+        )
 
 
 def beyond_the_edge(occupied: npt.NDArray[np.bool_], fraction: FloatArray) -> float:

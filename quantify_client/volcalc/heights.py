@@ -96,10 +96,18 @@ def fit_cells(cubes: Cubes, bounds: Window) -> Cubes:
 
 
 def _distinct(column: IntArray, row: IntArray) -> tuple[IntArray, IntArray]:
-    """Return each place once."""
-    key = np.unique((column << 32) + row)
+    """Return each place once; rows are not negative."""
+    key = _once((column << 32) + row)
     row = key & 0xFFFFFFFF
     return (key - row) >> 32, row
+
+
+def _once(keys: IntArray) -> IntArray:
+    """Return each key once, sorted: by sorting, which is faster than numpy's hashing."""
+    keys = np.sort(keys)
+    first = np.ones(len(keys), dtype=bool)
+    np.not_equal(keys[1:], keys[:-1], out=first[1:])
+    return keys[first]
 
 
 def _places_of(points: float, halved: int) -> float:
@@ -115,7 +123,7 @@ def _holds(column: IntArray, row: IntArray, wanted: float) -> bool:
     column, row = column - column.min(), row - row.min()
     wide = int(column.max()) + 1
     flat = row * wide + column
-    if len(flat) < 0.5 * wanted * len(np.unique(flat)):
+    if len(flat) < 0.5 * wanted * len(_once(flat)):
         return False
     counts = np.bincount(flat, minlength=wide * (int(row.max()) + 1)).astype(np.float64)
     return _typical(counts.reshape(-1, wide)) >= wanted
@@ -157,8 +165,8 @@ def _on_surface(
     """Tell which cubes belong to the surface of their block of cells."""
     if not len(column):
         return np.zeros(0, dtype=bool)
-    occupied = np.count_nonzero(np.bincount(row * window.nx + column))
-    mean = len(_distinct(cubes.column, cubes.row)[0]) / occupied
+    parts = _parts(cubes, row * window.nx + column, window.nx * window.ny)
+    mean = parts.sum() / np.count_nonzero(parts)
     size = int(np.clip(np.ceil(np.sqrt(_BLOCK_POINTS / mean)), 2, 8))
     block = (row // size) * (window.nx // size + 1) + column // size
     # Cubes of the same block and bin are treated alike, whichever comes first.
@@ -243,20 +251,23 @@ def _collect(
     )
 
 
+def _parts(cubes: Cubes, flat: IntArray, size: int) -> IntArray:
+    """Return how many parts of each cell have points, a cube wide; (size,)."""
+    part = cubes.column % cubes.factor * cubes.factor + cubes.row % cubes.factor
+    has_points = np.zeros((size, cubes.factor**2), dtype=bool)
+    has_points[flat, part] = True
+    return np.asarray(np.count_nonzero(has_points, axis=1))
+
+
 def _places(cubes: Cubes, flat: IntArray, count: IntArray) -> FloatArray:
     """Return how many points of each cell are no repetitions, from the parts of it they are in.
 
     Points at random fall into the same part now and then. Where all parts have points these are
     too many to tell, and repetitions hardly matter.
     """
-    key = np.unique(
-        flat * cubes.factor**2
-        + (cubes.column % cubes.factor * cubes.factor + cubes.row % cubes.factor)
-    )
-    parts = cubes.factor**2
-    share = np.bincount(key // parts, minlength=len(count)) / parts
+    share = _parts(cubes, flat, len(count)) / cubes.factor**2
     full = share >= 1.0
-    return np.where(full, count, -parts * np.log1p(-np.where(full, 0.0, share)))
+    return np.where(full, count, -(cubes.factor**2) * np.log1p(-np.where(full, 0.0, share)))
 
 
 def support(count: FloatArray, fraction: FloatArray) -> float:

@@ -30,6 +30,12 @@ _FRINGE = 0.001
 _FEW = 2.5
 _MOST_FRINGE = 0.05
 
+#: Where most occupied cubes hold more points than this, and nearly all points touch each other
+#: within so small a share of the box, the others are strays however many there are.
+_CROWDED = 16
+_NEARLY_ALL = 0.95
+_SMALL = 0.01
+
 #: Points of a cube that count where a dense object must not outweigh the ground around it.
 _PLENTY = 16
 
@@ -104,7 +110,8 @@ def core_window(cubes: Cubes, bounds: Window | None = None) -> Window | None:
         column, row, count = column[within], row[within], np.minimum(count[within], _PLENTY)
     if not len(column):
         return None
-    sides = [_core(index, count) for index in (column, row)]
+    cluster = _cluster(column, row, count) if bounds is None else None
+    sides = cluster or [_core(index, count) for index in (column, row)]
     inside = np.ones(len(column), dtype=bool)
     for index, (low, high) in zip((column, row), sides):
         inside &= (index >= low) & (index <= high)
@@ -115,6 +122,30 @@ def core_window(cubes: Cubes, bounds: Window | None = None) -> Window | None:
         float((column.max() + 1) * cubes.cell),
         float((row.max() + 1) * cubes.cell),
     )
+
+
+def _cluster(column: IntArray, row: IntArray, count: IntArray) -> list[tuple[float, float]] | None:
+    """Return the limits of the one place where nearly all points crowd, None without such a one.
+
+    Points far from it may be more than a fringe: those at the origin, or noise from the sky.
+    """
+    corner = column.min(), row.min()
+    column, row = column - corner[0], row - corner[1]
+    points = np.zeros((int(column.max()) + 1, int(row.max()) + 1))
+    np.add.at(points, (column, row), count)
+    if count.sum() < _CROWDED * np.count_nonzero(points):
+        return None
+    label, _ = ndimage.label(points, np.ones((3, 3)))
+    in_label = np.bincount(label.ravel(), points.ravel())
+    largest = int(np.argmax(in_label))
+    if in_label[largest] < _NEARLY_ALL * count.sum():
+        return None
+    limits = []
+    for along, first in zip(np.nonzero(label == largest), corner):
+        room = along.max() - along.min() + 1
+        limits.append((float(along.min() - room + first), float(along.max() + room + first)))
+    wide = [high - low + 1 for low, high in limits]
+    return limits if wide[0] * wide[1] < _SMALL * points.size else None
 
 
 def height_quantiles(cubes: Cubes, shares: Sequence[float]) -> list[float]:

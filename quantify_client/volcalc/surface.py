@@ -28,7 +28,7 @@ __all__ = [
 ]
 
 #: Occupied cubes of one area at most: what bounds the memory and the work after the pass.
-MAX_CUBES = 1 << 20
+MAX_CUBES = 1 << 21
 
 #: Layout of a packed point: column | row | height in quanta.
 _SIDE_BITS = 13

@@ -22,7 +22,7 @@ from ..types import (
 from .base import BASES, Base, make_base
 from .cells import cell_fractions, polygons_of
 from .crossing import bridge_crossings
-from .gaps import why_unsupported
+from .gaps import require_fine, why_unsupported
 from .heights import CellHeights, cell_heights, fill_gaps, support
 from .integrate import above_mask, integrate_slices, slab_edges
 from .noise import Noise, measure_noise
@@ -120,6 +120,7 @@ def _survey(
     parts = polygons_of(polygon)
     require_plain_outline(parts, heights.window.cell)
     fraction = cell_fractions(polygon, heights.window)
+    require_fine(heights, fraction, cubes.factor**2)
     coverage = support(heights.places, fraction)
     if coverage < LEAST_SUPPORT:
         raise SupportError(why_unsupported(cubes, heights, fraction, coverage, LEAST_SUPPORT))
