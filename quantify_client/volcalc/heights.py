@@ -177,49 +177,49 @@ def _on_surface(
     np.not_equal(block[1:], block[:-1], out=new_block[1:])
     of_block = np.cumsum(new_block) - 1
     total: FloatArray = np.bincount(of_block, count).astype(np.float64)
-    gap = _layer_gap(of_block, new_block, bins, count, total, cubes, window.cell)
+    gap = _layer_gap(new_block, bins, count, cubes, window.cell)
     step = np.diff(bins, prepend=bins[0])
     new_layer = new_block | (step > gap[of_block])
     of_layer = np.cumsum(new_layer) - 1
     in_layer = np.bincount(of_layer, count)
     block_of_layer = of_block[new_layer]
     first_layer = np.flatnonzero(new_block[new_layer])
-    largest = np.maximum.reduceat(in_layer, first_layer)[block_of_layer]
     # By points and by cubes: a stray that is there a hundred times is one stray still.
     places = np.bincount(of_layer)
+    largest = np.maximum.reduceat(places, first_layer)[block_of_layer]
     good = in_layer >= _LAYER_SHARE * total[block_of_layer]
     good &= places >= np.maximum(
         _LAYER_SHARE * np.bincount(of_block)[block_of_layer], _LAYER_POINTS
     )
-    good |= in_layer == largest
+    good |= places == largest
     kept = np.empty(len(order), dtype=bool)
     kept[order] = good[of_layer]
     return kept
 
 
 def _layer_gap(
-    of_block: IntArray,
-    new_block: npt.NDArray[np.bool_],
-    bins: IntArray,
-    count: IntArray,
-    total: FloatArray,
-    cubes: Cubes,
-    cell: float,
+    new_block: npt.NDArray[np.bool_], bins: IntArray, count: IntArray, cubes: Cubes, cell: float
 ) -> FloatArray:
     """Return per block the step in height, in bins, that parts two layers.
 
     On steep ground a block spans many bins, with natural gaps between its points: the step is
-    then at least the block's interquartile range.
+    then at least the block's interquartile range, of its points or its cubes. Of the two that
+    which is less: a stray may be there many times, and where cubes hold many points strays fill
+    more than their share.
     """
     start = np.flatnonzero(new_block)
-    running = np.cumsum(count)
-    before = running[start] - count[start]
-    quartile = [
-        bins[np.searchsorted(running, before + share * total, side="left")]
-        for share in (0.25, 0.75)
-    ]
+    ranges = []
+    for weight in (count, np.ones_like(count)):
+        running = np.cumsum(weight)
+        before = running[start] - weight[start]
+        total = np.add.reduceat(weight, start)
+        low, high = (
+            bins[np.searchsorted(running, before + share * total, side="left")]
+            for share in (0.25, 0.75)
+        )
+        ranges.append(high - low)
     least = max(2.0, _LAYER_GAP_CELLS * cell / cubes.cell)
-    return np.asarray(np.maximum(least, (quartile[1] - quartile[0]).astype(np.float64)))
+    return np.asarray(np.maximum(least, np.minimum(*ranges).astype(np.float64)))
 
 
 def _collect(
