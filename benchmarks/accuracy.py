@@ -26,7 +26,7 @@ from shapely.affinity import translate
 from shapely.geometry import Polygon, box
 
 from quantify_client.types import FloatArray, Window
-from quantify_client.volcalc.accumulate import TerrainAccumulator, plan_windows
+from quantify_client.volcalc.accumulate import TerrainAccumulator
 from quantify_client.volcalc.placements import measure_area
 from quantify_client.volcalc.terrain import Recipe
 
@@ -128,18 +128,11 @@ def survey(shape: Shape, seed: int, outliers: float = OUTLIERS) -> FloatArray:
 
 def ours(points: FloatArray, outline: Polygon) -> tuple[float, float]:
     """Volume and standard deviation."""
-    whole = Window(EAST, NORTH, EAST + SIDE, NORTH + SIDE)
-    windows = plan_windows([Window(*outline.bounds)], whole, POINTS)
-    accumulator = TerrainAccumulator(windows, POINTS)
+    accumulator = TerrainAccumulator([Window(*outline.bounds)])
     accumulator.absorb(accumulator.reduce(*points))
-    result = measure_area(
-        "area",
-        outline,
-        accumulator.heights.voxels(),
-        accumulator.grid,
-        accumulator.sample.points(),
-        Recipe(),
-    )
+    left, bottom = outline.bounds[:2]
+    local = translate(outline, -left, -bottom)
+    result = measure_area("area", local, *accumulator.ground(0), Recipe())
     return result.volume_m3, result.std_m3 or 0.0
 
 

@@ -6,7 +6,18 @@ import os
 from collections import Counter
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
-from typing import Any, Callable, Iterator, List, Mapping, Optional, Protocol, Sequence, Set, Tuple
+from typing import (
+    Any,
+    Callable,
+    Iterable,
+    Iterator,
+    List,
+    Mapping,
+    Optional,
+    Protocol,
+    Set,
+    Tuple,
+)
 
 import numpy as np
 
@@ -14,11 +25,10 @@ from .cloud import Cloud
 from .crs import Frame
 from .errors import CloudError
 from .types import Chunk, FloatArray, Window
-from .volcalc.accumulate import TerrainAccumulator, plan_windows
+from .volcalc.accumulate import TerrainAccumulator
 
 __all__ = [
     "Progress",
-    "Streamed",
     "accumulate",
     "gather",
     "nothing_usable",
@@ -32,14 +42,6 @@ Progress = Callable[[str, float], None]
 _MOST_BY_DEFAULT = 4  # threads beyond this wait for the file
 
 
-@dataclass(frozen=True)
-class Streamed:
-    """What a pass leaves: the accumulator, and the counts of points left out by reason."""
-
-    accumulator: TerrainAccumulator
-    left_out: Mapping[str, int]
-
-
 def thread_count(wanted: int) -> int:
     """Return the number of threads to use; 0 leaves it to the processor."""
     return wanted if wanted > 0 else min(os.cpu_count() or 1, _MOST_BY_DEFAULT)
@@ -48,27 +50,17 @@ def thread_count(wanted: int) -> int:
 def accumulate(
     cloud: Cloud,
     frame: Frame,
-    places: Sequence[Window],
-    bounds: Window,
-    anchor: Tuple[float, float],
+    accumulator: TerrainAccumulator,
     threads: int,
     progress: Progress,
-) -> Streamed:
-    """Stream a cloud into an accumulator over some places; reading and sorting overlap.
+) -> Mapping[str, int]:
+    """Stream a cloud into an accumulator; return the counts of points left out by reason."""
+    window = frame.window_to_source(accumulator.window)
 
-    Parameters
-    ----------
-    places : what is to be measured, relative to the anchor.
-    bounds : of the whole cloud, relative to the anchor.
-    anchor : the place in the frame that the accumulator's coordinates count from.
-    """
-    count = cloud.info.point_count
-    windows = plan_windows(places, bounds, count)
-    accumulator = TerrainAccumulator(windows, count, bounds, anchor)
-    needed = Window.around([window.window() for window in windows]).shifted(*anchor)
-    around = frame.window_to_source(needed)
-    left_out = stream(cloud, frame, accumulator, around, threads, progress)
-    return Streamed(accumulator, left_out)
+    def pieces(chunk: Chunk) -> Iterator[Chunk]:
+        return _pieces(chunk, accumulator.at_once)
+
+    return stream(cloud, frame, accumulator, window, threads, progress, pieces)
 
 
 class Accumulator(Protocol):
@@ -92,12 +84,14 @@ def stream(
     window: Optional[Window],
     threads: int,
     progress: Progress,
+    pieces: Callable[[Chunk], Iterable[Chunk]] = lambda chunk: (chunk,),
 ) -> Mapping[str, int]:
     """Stream a cloud into an accumulator, and return the counts of points left out by reason.
 
     Parameters
     ----------
     window : what is needed at least, in the cloud's own coordinates; None for all.
+    pieces : cuts a chunk into what the accumulator is to be given at a time.
     """
     reading = _Reading(cloud, progress)
 
@@ -106,13 +100,20 @@ def stream(
 
     with _Workers(threads) as workers:
         for chunk in reading.chunks(window):
-            for reduced in workers.submit(reduce, chunk):
-                accumulator.absorb(reduced)
+            for piece in pieces(chunk):
+                for reduced in workers.submit(reduce, piece):
+                    accumulator.absorb(reduced)
         for reduced in workers.rest():
             accumulator.absorb(reduced)
     if not accumulator.seen and reading.left_out:
         raise nothing_usable()
     return dict(reading.left_out)
+
+
+def _pieces(chunk: Chunk, size: int) -> Iterator[Chunk]:
+    for start in range(0, len(chunk), size):
+        some = slice(start, start + size)
+        yield Chunk(chunk.x[some], chunk.y[some], chunk.z[some])
 
 
 def gather(

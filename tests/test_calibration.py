@@ -8,10 +8,11 @@ from typing import Callable, Dict, Tuple
 import numpy as np
 import pytest
 from scipy import ndimage
+from shapely import affinity
 from shapely.geometry import Point, Polygon, box
 
 from quantify_client.types import AreaResult, Window
-from quantify_client.volcalc.accumulate import TerrainAccumulator, plan_windows
+from quantify_client.volcalc.accumulate import TerrainAccumulator
 from quantify_client.volcalc.placements import measure_area
 from quantify_client.volcalc.terrain import Recipe
 
@@ -75,18 +76,11 @@ def _survey(seed: int, noise: str) -> Tuple[AreaResult, float]:
 
 
 def _measure(x: np.ndarray, y: np.ndarray, z: np.ndarray, polygon: Polygon) -> AreaResult:
-    cloud = Window(EAST, NORTH, EAST + SIDE, NORTH + SIDE)
-    windows = plan_windows([Window(*polygon.bounds)], cloud, len(x))
-    accumulator = TerrainAccumulator(windows, len(x))
+    accumulator = TerrainAccumulator([Window(*polygon.bounds)])
     accumulator.absorb(accumulator.reduce(x, y, z))
-    return measure_area(
-        "area",
-        polygon,
-        accumulator.heights.voxels(),
-        accumulator.grid,
-        accumulator.sample.points(),
-        Recipe(),
-    )
+    left, bottom = polygon.bounds[:2]
+    local = affinity.translate(polygon, -left, -bottom)
+    return measure_area("area", local, *accumulator.ground(0), Recipe())
 
 
 @pytest.mark.one_python

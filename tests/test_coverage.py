@@ -102,7 +102,7 @@ def test_an_area_across_the_cloud_s_edge_is_measured_where_the_cloud_is(tmp_path
     assert abs(result.volume_m3) < 2 * 10 * 0.1 * 2  # the empty strip, off by the slope over it
     level = nothing.on(lambda x, y: 0 * x)
     (result,) = results(tmp_path, placed(square), terrain=level, count=60_000)
-    assert abs(result.volume_m3) < 0.005 * square.area
+    assert abs(result.volume_m3) < min(0.01 * square.area, 1.96 * result.std_m3)
 
 
 def test_far_across_the_edge_the_rest_is_left_out_and_said(tmp_path):

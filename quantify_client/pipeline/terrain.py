@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import threading
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import astuple, replace
-from typing import List, Optional, Sequence, Tuple, Union
+from dataclasses import astuple, dataclass, replace
+from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
 
 import shapely
 from shapely import affinity
@@ -14,11 +14,12 @@ from ..areas import Area, AreaSet, far_corner
 from ..crs import Frame
 from ..errors import CloudError, QuantifyError
 from ..sfm.outputs import Source
-from ..streaming import Progress, Streamed, accumulate, thread_count
-from ..types import AreaFailure, Measurement, Options, Window
-from ..volcalc.accumulate import plan_windows
+from ..streaming import Progress, accumulate, thread_count
+from ..types import AreaFailure, AreaResult, Bounds, FloatArray, Measurement, Options, Window
+from ..volcalc.accumulate import TerrainAccumulator
 from ..volcalc.outline import cloud_outline, core_window, height_quantiles
 from ..volcalc.placements import measure_area
+from ..volcalc.surface import Cubes
 from ..volcalc.terrain import Recipe
 from .common import (
     Result,
@@ -41,49 +42,65 @@ _LEAST_FILLED_AGAIN = 0.5
 #: ends the matter.
 _PASSES = 10
 
-#: Areas are read again where their cells become this many times smaller by it.
-_FINER = 0.5
+#: Points per cube that cubes fit for their area seldom hold.
+_CROWDED = 16
+
+#: The share of a whole cloud's points outside its outline that is worth a word.
+_OUTSIDE = 0.005
+
+#: Why points over an area are left out whose heights its cubes have no numbers for.
+_TOO_FAR = "height absurdly far from the site's"
 
 #: Terrain rises by less than this many times its width: a sea stack by about 3.
 _STEEPEST = 5.0
 
 
+@dataclass(frozen=True)
+class _Ground:
+    """An area with its points in cubes.
+
+    Attributes
+    ----------
+    name, polygon : of the area; the polygon counts from the corner, as cubes and points do.
+    corner : x and y in the frame.
+    cubes, points : what the pass left.
+    left_out : counts of points that the reader left out, by reason.
+    """
+
+    name: str
+    polygon: shapely.Geometry
+    corner: Tuple[float, float]
+    cubes: Cubes
+    points: FloatArray
+    left_out: Mapping[str, int]
+
+    @property
+    def place(self) -> Window:
+        """The area's box in the frame."""
+        return Window(*self.polygon.bounds).shifted(*self.corner)
+
+
 def measure_areas(source: Source, frame: Frame, options: Options, report: Progress) -> Measurement:
     """Measure each area, or the whole cloud where none is drawn."""
-    site = window_of(bounds_in_frame(source, frame))
-    # Cells count from the cloud's own corner: where it lies on the Earth changes no volume.
-    anchor = (site.min_x, site.min_y)
-    site = _relative(site, anchor)
+    box = bounds_in_frame(source, frame)
     drawn = AreaSet((), ())
-    if options.area is not None:
-        drawn = _shifted(drawn_areas(source, frame, options, report), anchor)
-    warnings, areas, streamed = list(drawn.warnings), drawn.areas, None
-    if areas:
-        areas, streamed = _stream_areas(source, frame, areas, site, anchor, options, report)
-        if streamed is None:
-            return measurement_of(
-                source,
-                frame,
-                "terrain",
-                None,
-                [a for a in areas if isinstance(a, AreaFailure)],
-                warnings,
-            )
-        site = Window.around(_places(areas))
+    said: List[str] = []
+    if options.area is None:
+        ground, said = _whole(source, frame, box, options, report)
+        areas: Sequence[Union[Area, AreaFailure]] = [Area(ground.name, ground.polygon)]
+        grounds: Iterator[Dict[int, _Ground]] = iter([{0: ground}])
     else:
-        streamed, site = _stream_whole(source, frame, site, anchor, options, report)
-        warnings += _strangers(source.cloud.info.point_count, streamed)
-    voxels = streamed.accumulator.heights.voxels()
-    if not areas:
-        areas = [Area(source.stem, cloud_outline(voxels, streamed.accumulator.grid, site))]
-    place = site.shifted(*anchor)
-    low, middle, high = height_quantiles(voxels, (0.01, 0.5, 0.99))
-    factor = ground_factor(source, frame, place, middle, options)
-    warnings += _steepness(high - low, site)
+        drawn = drawn_areas(source, frame, options, report)
+        areas = drawn.areas
+        grounds = _grounds(source, frame, areas, box, options, report)
     base = placed_level(frame, options, options.base, cloud_window(source, frame))
-    options = replace(options, base=base)
-    results = [_back(r, anchor) for r in _each(areas, streamed, factor, options, report)]
-    return measurement_of(source, frame, "terrain", factor, results, warnings)
+    measuring = _Measuring(source, frame, replace(options, base=base), report, len(areas))
+    found: Dict[int, Result] = {i: a for i, a in enumerate(areas) if isinstance(a, AreaFailure)}
+    for some in grounds:
+        found.update(measuring.all(some))
+    results = [found[number] for number in range(len(areas))]
+    warnings = [*drawn.warnings, *said, *measuring.steepness()]
+    return measurement_of(source, frame, "terrain", measuring.factor(), results, warnings)
 
 
 def _steepness(relief: float, site: Window) -> List[str]:
@@ -97,31 +114,16 @@ def _steepness(relief: float, site: Window) -> List[str]:
     ]
 
 
-def _relative(window: Window, anchor: Tuple[float, float]) -> Window:
-    return window.shifted(-anchor[0], -anchor[1])
-
-
-def _shifted(drawn: AreaSet, anchor: Tuple[float, float]) -> AreaSet:
-    """Return the areas relative to the anchor."""
-    areas = [
-        replace(area, polygon=affinity.translate(area.polygon, -anchor[0], -anchor[1]))
-        if isinstance(area, Area)
-        else area
-        for area in drawn.areas
-    ]
-    return AreaSet(tuple(areas), drawn.warnings)
-
-
-def _back(result: Result, anchor: Tuple[float, float]) -> Result:
+def _back(result: AreaResult, corner: Tuple[float, float]) -> AreaResult:
     """Return what the pictures are drawn from where it lies in the frame."""
-    if isinstance(result, AreaFailure) or result.relief is None:
-        return result
     relief = result.relief
-    outline = affinity.translate(shapely.from_wkb(relief.polygon_wkb), *anchor)
+    if relief is None:
+        return result
+    outline = affinity.translate(shapely.from_wkb(relief.polygon_wkb), *corner)
     moved = replace(
         relief,
-        min_x=relief.min_x + anchor[0],
-        min_y=relief.min_y + anchor[1],
+        min_x=relief.min_x + corner[0],
+        min_y=relief.min_y + corner[1],
         polygon_wkb=shapely.to_wkb(outline),
     )
     return replace(result, relief=moved)
@@ -131,97 +133,90 @@ def _extent(window: Window) -> float:
     return (window.max_x - window.min_x) * (window.max_y - window.min_y)
 
 
-def _places(areas: Sequence[Union[Area, AreaFailure]]) -> List[Window]:
-    return [Window(*area.polygon.bounds) for area in areas if isinstance(area, Area)]
+def _nearest_to_zero(box: Bounds) -> float:
+    """Return the height of the cloud that is nearest to zero, metres."""
+    return min(max(box.min_z, 0.0), max(box.max_z, 0.0)) if box.min_z <= box.max_z else 0.0
 
 
-def _stream_areas(
+def _grounds(
     source: Source,
     frame: Frame,
     areas: Sequence[Union[Area, AreaFailure]],
-    site: Window,
-    anchor: Tuple[float, float],
+    box: Bounds,
     options: Options,
     report: Progress,
-) -> Tuple[Sequence[Union[Area, AreaFailure]], Optional[Streamed]]:
-    """Return the areas, and their points in cells; None where no area can be measured.
-
-    The cells follow the cloud's mean spacing. Far strays or a wrong header make that too large,
-    or an outline that reaches out to them: the cells are then crowded, and the cloud is read
-    again in cells that fit the areas that lie on their points.
-    """
-    threads = thread_count(options.threads)
-    places = _places(areas)
-    if not places:
-        return areas, None
-    for _ in range(_PASSES):
-        streamed = accumulate(source.cloud, frame, places, site, anchor, threads, report)
-        if not streamed.accumulator.crowded:
-            break
-        kept = [_on_points(area, streamed, anchor) for area in areas]
-        places = _places(kept)
-        if not places:
-            return kept, None
-        site = Window.around(places)
-        finer = plan_windows(places, site, source.cloud.info.point_count)[0].cell
-        if finer > _FINER * streamed.accumulator.grid.cell:
-            break
-        areas = kept
-    return areas, streamed
+) -> Iterator[Dict[int, _Ground]]:
+    """Yield the ground of all areas, by their numbers: of as many at a time as memory holds."""
+    waiting = {number: area for number, area in enumerate(areas) if isinstance(area, Area)}
+    while waiting:
+        places = [Window(*waiting[number].polygon.bounds) for number in waiting]
+        accumulator = TerrainAccumulator(places, _nearest_to_zero(box))
+        threads = thread_count(options.threads)
+        left_out = accumulate(source.cloud, frame, accumulator, threads, report)
+        some, waiting = waiting, {}
+        grounds = {}
+        for place, (number, area) in enumerate(some.items()):
+            if place in accumulator.postponed:
+                waiting[number] = area
+                continue
+            x, y = area.polygon.bounds[:2]
+            local = affinity.translate(area.polygon, -x, -y)
+            grounds[number] = _Ground(
+                area.name, local, (x, y), *accumulator.ground(place), left_out
+            )
+        yield grounds
 
 
-def _on_points(
-    area: Union[Area, AreaFailure], streamed: Streamed, anchor: Tuple[float, float]
-) -> Union[Area, AreaFailure]:
-    """Return the area, or its failure where it reaches far beyond the points under it."""
-    if isinstance(area, AreaFailure):
-        return area
-    heights = streamed.accumulator.heights
-    core = core_window(heights.voxels(), heights.grid, Window(*area.polygon.bounds))
-    if core is None:
-        return area
-    box = core.shifted(*anchor)
-    problem = far_corner(affinity.translate(area.polygon, *anchor), astuple(box))
-    return AreaFailure(area.name, problem) if problem else area
-
-
-def _stream_whole(
-    source: Source,
-    frame: Frame,
-    site: Window,
-    anchor: Tuple[float, float],
-    options: Options,
-    report: Progress,
-) -> Tuple[Streamed, Window]:
-    """Return the points in their cells, and the box of the cloud without far strays.
+def _whole(
+    source: Source, frame: Frame, box: Bounds, options: Options, report: Progress
+) -> Tuple[_Ground, List[str]]:
+    """Return the whole cloud, without far strays, with its outline; and what there is to say.
 
     One point a thousand kilometres away, or a wrong header, and the cells would be too coarse for
     all the others: the cloud is then read again, in cells that fit its core.
     """
-    threads = thread_count(options.threads)
-    least = _LEAST_FILLED
+    site, least = window_of(box), _LEAST_FILLED
     for _ in range(_PASSES):
-        streamed = accumulate(source.cloud, frame, [site], site, anchor, threads, report)
-        if not streamed.accumulator.located:
+        accumulator = TerrainAccumulator([site], _nearest_to_zero(box), room=False)
+        left_out = accumulate(
+            source.cloud, frame, accumulator, thread_count(options.threads), report
+        )
+        cubes, points = accumulator.ground(0)
+        if not len(cubes.count):
             raise CloudError(
                 "no point of the cloud lies within the bounds that its header gives; expected all "
                 "of them there: export it again, or draw an area (--area)"
             )
-        heights = streamed.accumulator.heights
-        core = core_window(heights.voxels(), heights.grid)
-        if core is None or _extent(core) > least * _extent(site):
+        core = _within(site, core_window(cubes))
+        if _extent(core) > least * _extent(site):
             break
         # Found in large cells, its edges are theirs: half empty is then still too coarse.
         site, least = core, _LEAST_FILLED_AGAIN
-    return streamed, site
+    corner = (site.min_x, site.min_y)
+    outline = cloud_outline(cubes, site.shifted(-site.min_x, -site.min_y))
+    seen = accumulator.seen
+    if source.cloud.info.point_count is not None:
+        seen = source.cloud.info.point_count - sum(left_out.values())
+    lost = seen - int(cubes.count.sum()) - cubes.too_far
+    ground = _Ground(source.stem, outline.polygon, corner, cubes, points, left_out)
+    return ground, [*_strangers(lost), *_outsiders(outline.outside)]
 
 
-def _strangers(count: Optional[int], streamed: Streamed) -> List[str]:
+def _within(site: Window, part: Optional[Window]) -> Window:
+    """Return a part of the site that counts from its corner, in the frame; all of it for None."""
+    if part is None:
+        return site
+    part = part.shifted(site.min_x, site.min_y)
+    return Window(
+        max(part.min_x, site.min_x),
+        max(part.min_y, site.min_y),
+        min(part.max_x, site.max_x),
+        min(part.max_y, site.max_y),
+    )
+
+
+def _strangers(lost: int) -> List[str]:
     """Say how many points of a whole cloud were not measured; an index does not even show them."""
-    seen = streamed.accumulator.seen
-    if count is not None:
-        seen = count - sum(streamed.left_out.values())
-    lost = seen - streamed.accumulator.located
     if not lost:
         return []
     points = "1 point lies" if lost == 1 else f"{lost} points lie"
@@ -231,37 +226,99 @@ def _strangers(count: Optional[int], streamed: Streamed) -> List[str]:
     ]
 
 
-def _each(
-    areas: Sequence[Union[Area, AreaFailure]],
-    streamed: Streamed,
-    factor: Optional[float],
-    options: Options,
-    report: Progress,
-) -> List[Result]:
-    """Measure every area, several at a time; one that fails does not stop the others."""
-    accumulator = streamed.accumulator
-    voxels, points = accumulator.heights.voxels(), accumulator.sample.points()
-    recipe = Recipe(
-        base="triangulate" if options.base is None else options.base,
-        slices=options.slices,
-        slice_height=options.slice_height,
-        ground_factor=factor or 1.0,
-    )
-    done, lock = 0, threading.Lock()
+def _outsiders(share: float) -> List[str]:
+    """Say that much of a whole cloud lies outside of what was measured."""
+    if share < _OUTSIDE:
+        return []
+    return [
+        f"{share:.0%} of the points lie outside the outline that was measured, scattered or on "
+        "small islands; draw an area (--area) round what is to be measured"
+    ]
 
-    def one(area: Union[Area, AreaFailure]) -> Result:
-        nonlocal done
-        if isinstance(area, AreaFailure):
-            return area
+
+class _Measuring:
+    """Measures areas, several at a time; one that fails does not stop the others."""
+
+    def __init__(
+        self, source: Source, frame: Frame, options: Options, report: Progress, count: int
+    ) -> None:
+        self._source, self._frame, self._options = source, frame, options
+        self._report, self._count, self._done = report, count, 0
+        self._lock = threading.Lock()
+        self._places: List[Window] = []
+        self._heights: List[Sequence[float]] = []
+
+    def all(self, grounds: Mapping[int, _Ground]) -> Dict[int, Result]:
+        """Return the results of some areas, by their numbers."""
+        for ground in grounds.values():
+            self._places.append(ground.place)
+            self._heights.append(height_quantiles(ground.cubes, (0.01, 0.5, 0.99)))
+        most = min(thread_count(self._options.threads), len(grounds))
+        if most == 1:
+            return {n: self._one(g) for n, g in grounds.items()}
+        with ThreadPoolExecutor(most) as pool:
+            return dict(zip(grounds, pool.map(self._one, grounds.values())))
+
+    def factor(self) -> Optional[float]:
+        """Return the ground factor in the middle of all areas; None without any."""
+        if not self._places:
+            return None
+        middle = sum(heights[1] for heights in self._heights) / len(self._heights)
+        return self._factor(Window.around(self._places), middle)
+
+    def steepness(self) -> List[str]:
+        """Return a warning where heights seem to be in a smaller unit than x and y."""
+        if not self._places:
+            return []
+        low, high = (pick(h[i] for h in self._heights) for pick, i in ((min, 0), (max, 2)))
+        return _steepness(high - low, Window.around(self._places))
+
+    def _factor(self, place: Window, height: float) -> Optional[float]:
+        return ground_factor(self._source, self._frame, place, height, self._options)
+
+    def _one(self, ground: _Ground) -> Result:
         try:
-            result = measure_area(area.name, area.polygon, voxels, accumulator.grid, points, recipe)
-            return finish(result, streamed.left_out, options)
+            problem = _reaches_too_far(ground)
+            if problem:
+                return AreaFailure(ground.name, problem)
+            result = measure_area(
+                ground.name, ground.polygon, ground.cubes, ground.points, self._recipe(ground)
+            )
+            return finish(_back(result, ground.corner), _left_out(ground), self._options)
         except QuantifyError as error:
-            return AreaFailure(area.name, str(error))
+            return AreaFailure(ground.name, str(error))
         finally:
-            with lock:
-                done += 1
-            report("measuring areas", done / len(areas))
+            with self._lock:
+                self._done += 1
+            self._report("measuring areas", self._done / self._count)
 
-    with ThreadPoolExecutor(min(thread_count(options.threads), len(areas))) as pool:
-        return list(pool.map(one, areas))
+    def _recipe(self, ground: _Ground) -> Recipe:
+        options = self._options
+        middle = height_quantiles(ground.cubes, (0.5,))[0]
+        return Recipe(
+            base="triangulate" if options.base is None else options.base,
+            slices=options.slices,
+            slice_height=options.slice_height,
+            # Each area's own: where other areas lie is nothing to it.
+            ground_factor=self._factor(ground.place, middle) or 1.0,
+        )
+
+
+def _left_out(ground: _Ground) -> Mapping[str, int]:
+    return {**ground.left_out, _TOO_FAR: ground.cubes.too_far}
+
+
+def _reaches_too_far(ground: _Ground) -> str:
+    """Return what is wrong with an area that reaches far beyond the points under it, or "".
+
+    Its cells would be too large for what lies on the points. The box of the cloud, by which such
+    areas are told before the pass, may be that of a stray.
+    """
+    cubes = ground.cubes
+    if cubes.count.sum() <= _CROWDED * len(cubes.count):
+        return ""
+    core = core_window(cubes, Window(*ground.polygon.bounds))
+    if core is None:
+        return ""
+    polygon = affinity.translate(ground.polygon, *ground.corner)
+    return far_corner(polygon, astuple(core.shifted(*ground.corner)))

@@ -82,7 +82,7 @@ def _noise(
     """Return the standard deviation of a TIN's integral and of a sum over cells together."""
     through_rim = (rim.weights.T @ tin.of_rim).reshape(cells.shape)
     return sampled_std(
-        tin.of_points / factor**2, cells + through_rim / factor**2, heights.count, noise
+        tin.of_points / factor**2, cells + through_rim / factor**2, heights.places, noise
     )
 
 

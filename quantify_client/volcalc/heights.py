@@ -1,24 +1,27 @@
-"""Voxels into one robust height per cell of an area's window."""
+"""Cubes into one robust height per cell of an area's window."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
 from ..types import FloatArray, IntArray, Window
-from .grid import PAGE_BITS, CellWindow, Grid, coarser_factors
-from .surface import Voxels
+from .grid import CellWindow
+from .surface import Cubes
 
-__all__ = ["CellHeights", "cell_heights", "fill_gaps", "support"]
+__all__ = ["CellHeights", "cell_heights", "fill_gaps", "fit_cells", "support"]
 
-#: Cells are made coarse enough to hold this many points: about two spacings a side.
-POINTS_PER_CELL = 4.0
+#: Cells hold so many points, on average and at least: about two spacings a side.
+POINTS_PER_CELL = 3.5
 
 #: Cells beyond the area on each side, for rim heights, gradients and noise.
 MARGIN = 24
+
+#: Cells are made of cubes, so many times halved: what tells points from repetitions of them.
+_HALVED = 3
 
 #: A neighbourhood in which strays are told from surface holds at least this many points.
 _BLOCK_POINTS = 64.0
@@ -30,8 +33,8 @@ _LAYER_POINTS = 3
 #: Layers are separate when a gap of this many cells in height is between them.
 _LAYER_GAP_CELLS = 1.5
 
-#: Bins of height are numbers of this many bits, as in the voxels' own keys.
-_BIN_BITS = 22
+#: Bins of height, counted from the lowest, are numbers of this many bits.
+_BIN_BITS = 40
 
 #: With fewer fully surrounded cells than this, their mean count tells nothing.
 _ENOUGH_INNER = 25
@@ -52,6 +55,7 @@ class CellHeights:
     count : (ny, nx) int64, kept points.
     strays : (ny, nx) int64, points left out because they are far from the surface around them.
     low, high : (ny, nx) float64, range of kept heights (centres of bins); NaN without points.
+    places : (ny, nx) float64, how many points lie in distinct places: repetitions add nothing.
     """
 
     window: CellWindow
@@ -60,69 +64,69 @@ class CellHeights:
     strays: IntArray
     low: FloatArray
     high: FloatArray
+    places: FloatArray
 
 
-def cell_heights(voxels: Voxels, grid: Grid, bounds: Window) -> CellHeights:
-    """Return robust heights over `bounds` and a margin, in cells of about two point spacings.
+def fit_cells(cubes: Cubes, bounds: Window) -> Cubes:
+    """Return the cubes of which `factor` along a side make a cell with enough points.
 
-    The streaming cells are merged until the occupied ones hold four points on average. Strays are
-    found per block of a few cells: heights that form a layer of their own, with a gap to the
-    others and less than a tenth of the block's points, are left out. A wall keeps both its top and
-    its foot, so a cell across it gets the mean that its volume needs.
+    Cells are made larger until those away from gaps have points in as many places as four points
+    at random would. A point that is there several times, or a merged copy that lies a hair beside
+    it, fills no more places than once.
 
     Parameters
     ----------
-    voxels : of the whole grid.
-    bounds : of the area, metres.
+    bounds : of the area, metres, in the coordinates of the cubes.
     """
-    part = _voxels_of(voxels, grid, CellWindow.around(bounds, grid.cell, 0))
-    factor = _factor(grid.cell, *grid.corners(part.number), part.count, bounds)
-    window = CellWindow.around(bounds, grid.cell * factor, MARGIN)
-    part = _voxels_of(voxels, grid, window.refined(factor))
-    column, row = grid.corners(part.number)
-    column, row = column // factor - window.first_x, row // factor - window.first_y
-    inside = (column >= 0) & (row >= 0) & (column < window.nx) & (row < window.ny)
-    part, column, row = _select(part, inside), column[inside], row[inside]
-    kept = _on_surface(part, column, row, window)
-    return _collect(part, row * window.nx + column, kept, window)
+    core = CellWindow.around(bounds, cubes.cell, 0)
+    inside = (cubes.column >= core.first_x) & (cubes.column < core.first_x + core.nx)
+    inside &= (cubes.row >= core.first_y) & (cubes.row < core.first_y + core.ny)
+    column, row = _distinct(cubes.column[inside], cubes.row[inside])
+    times, merged = 1, 0
+    while 1 << (times + 2) <= max(core.nx, core.ny):
+        if times - merged > _HALVED:
+            merged += 1
+            column, row = _distinct(column >> 1, row >> 1)
+        halved = times - merged
+        if _holds(column >> halved, row >> halved, _places_of(POINTS_PER_CELL, halved)):
+            break
+        times += 1
+    merged = max(times - _HALVED, 0)
+    return replace(cubes.merged(merged), factor=1 << (times - merged))
 
 
-def _select(voxels: Voxels, which: npt.NDArray[np.bool_] | IntArray) -> Voxels:
-    return Voxels(
-        voxels.number[which],
-        voxels.bin[which],
-        voxels.count[which],
-        voxels.total[which],
-        voxels.quantum,
-        voxels.bin_quanta,
-    )
+def _distinct(column: IntArray, row: IntArray) -> tuple[IntArray, IntArray]:
+    """Return each place once; rows are not negative."""
+    key = _once((column << 32) + row)
+    row = key & 0xFFFFFFFF
+    return (key - row) >> 32, row
 
 
-def _voxels_of(voxels: Voxels, grid: Grid, window: CellWindow) -> Voxels:
-    """Return the voxels on the pages that hold `window`; they are sorted by page."""
-    pages = grid.page_numbers(window)
-    start = np.searchsorted(voxels.number, pages << (2 * PAGE_BITS))
-    end = np.searchsorted(voxels.number, (pages + 1) << (2 * PAGE_BITS))
-    length = end - start
-    rank = np.arange(int(length.sum())) - np.repeat(np.cumsum(length) - length, length)
-    return _select(voxels, np.repeat(start, length) + rank)
+def _once(keys: IntArray) -> IntArray:
+    """Return each key once, sorted: by sorting, which is faster than numpy's hashing."""
+    keys = np.sort(keys)
+    first = np.ones(len(keys), dtype=bool)
+    np.not_equal(keys[1:], keys[:-1], out=first[1:])
+    return keys[first]
 
 
-def _factor(cell: float, column: IntArray, row: IntArray, count: IntArray, bounds: Window) -> int:
-    """Return how many streaming cells make one cell with enough points."""
-    core = CellWindow.around(bounds, cell, 0)
-    inside = (column >= core.first_x) & (column < core.first_x + core.nx)
-    inside &= (row >= core.first_y) & (row < core.first_y + core.ny)
-    column, row, count = column[inside], row[inside], count[inside]
-    factors = [f for f in coarser_factors(cell) if f == 1 or f * 4 <= max(core.nx, core.ny)]
-    for factor in factors:
-        left, bottom = core.first_x // factor, core.first_y // factor
-        shape = (core.ny // factor + 2, core.nx // factor + 2)
-        flat = (row // factor - bottom) * shape[1] + column // factor - left
-        counts = np.bincount(flat, count, shape[0] * shape[1]).astype(np.float64)
-        if _typical(counts.reshape(shape)) >= POINTS_PER_CELL:
-            return factor
-    return factors[-1]
+def _places_of(points: float, halved: int) -> float:
+    """Return in how many parts of a cell so many points at random are, on average."""
+    parts = 4.0**halved
+    return float(parts * (1.0 - (1.0 - 1.0 / parts) ** points))
+
+
+def _holds(column: IntArray, row: IntArray, wanted: float) -> bool:
+    """Tell whether typical cells hold as much as is wanted; one entry for each place."""
+    if not len(column):
+        return False
+    column, row = column - column.min(), row - row.min()
+    wide = int(column.max()) + 1
+    flat = row * wide + column
+    if len(flat) < 0.5 * wanted * len(_once(flat)):
+        return False
+    counts = np.bincount(flat, minlength=wide * (int(row.max()) + 1)).astype(np.float64)
+    return _typical(counts.reshape(-1, wide)) >= wanted
 
 
 def _typical(counts: FloatArray) -> float:
@@ -131,95 +135,142 @@ def _typical(counts: FloatArray) -> float:
     inner = ndimage.binary_erosion(occupied, np.ones((3, 3)))
     if np.count_nonzero(inner) > max(4.0, 0.02 * np.count_nonzero(occupied)):
         return float(counts[inner].mean())
-    return float(counts[occupied].mean()) if occupied.any() else 0.0
+    return float(counts[occupied].mean())
+
+
+def cell_heights(cubes: Cubes, bounds: Window) -> CellHeights:
+    """Return robust heights over `bounds` and a margin, in cells of about two point spacings.
+
+    Strays are found per block of a few cells: heights that form a layer of their own, with a gap
+    to the others and less than a tenth of the block's points, are left out. A wall keeps both its
+    top and its foot, so a cell across it gets the mean that its volume needs.
+
+    Parameters
+    ----------
+    cubes : from `fit_cells`.
+    bounds : of the area, metres, in the coordinates of the cubes.
+    """
+    window = CellWindow.around(bounds, cubes.cell * cubes.factor, MARGIN)
+    column = cubes.column // cubes.factor - window.first_x
+    row = cubes.row // cubes.factor - window.first_y
+    inside = (column >= 0) & (row >= 0) & (column < window.nx) & (row < window.ny)
+    cubes, column, row = cubes.select(inside), column[inside], row[inside]
+    kept = _on_surface(cubes, column, row, window)
+    return _collect(cubes, row * window.nx + column, kept, window)
 
 
 def _on_surface(
-    voxels: Voxels, column: IntArray, row: IntArray, window: CellWindow
+    cubes: Cubes, column: IntArray, row: IntArray, window: CellWindow
 ) -> npt.NDArray[np.bool_]:
-    """Tell which voxels belong to the surface of their block of cells."""
+    """Tell which cubes belong to the surface of their block of cells."""
     if not len(column):
         return np.zeros(0, dtype=bool)
-    occupied = np.count_nonzero(np.bincount(row * window.nx + column))
-    mean = voxels.count.sum() / occupied
+    parts = _parts(cubes, row * window.nx + column, window.nx * window.ny)
+    mean = parts.sum() / np.count_nonzero(parts)
     size = int(np.clip(np.ceil(np.sqrt(_BLOCK_POINTS / mean)), 2, 8))
     block = (row // size) * (window.nx // size + 1) + column // size
-    # Voxels of the same block and bin are treated alike, whichever comes first.
-    order = np.argsort((block << _BIN_BITS) + voxels.bin)
-    block, bins, count = block[order], voxels.bin[order], voxels.count[order]
+    # Cubes of the same block and bin are treated alike, whichever comes first.
+    bins = cubes.bin - cubes.bin.min()
+    order = np.argsort((block << _BIN_BITS) + bins)
+    block, bins, count = block[order], bins[order], cubes.count[order]
     new_block = np.ones(len(order), dtype=bool)
     np.not_equal(block[1:], block[:-1], out=new_block[1:])
     of_block = np.cumsum(new_block) - 1
     total: FloatArray = np.bincount(of_block, count).astype(np.float64)
-    gap = _layer_gap(of_block, new_block, bins, count, total, voxels, window.cell)
+    gap = _layer_gap(new_block, bins, count, cubes, window.cell)
     step = np.diff(bins, prepend=bins[0])
     new_layer = new_block | (step > gap[of_block])
     of_layer = np.cumsum(new_layer) - 1
     in_layer = np.bincount(of_layer, count)
     block_of_layer = of_block[new_layer]
     first_layer = np.flatnonzero(new_block[new_layer])
-    largest = np.maximum.reduceat(in_layer, first_layer)
-    needed = np.maximum(_LAYER_SHARE * total, _LAYER_POINTS)[block_of_layer]
-    good = (in_layer >= needed) | (in_layer == largest[block_of_layer])
+    # By points and by cubes: a stray that is there a hundred times is one stray still.
+    places = np.bincount(of_layer)
+    largest = np.maximum.reduceat(places, first_layer)[block_of_layer]
+    good = in_layer >= _LAYER_SHARE * total[block_of_layer]
+    good &= places >= np.maximum(
+        _LAYER_SHARE * np.bincount(of_block)[block_of_layer], _LAYER_POINTS
+    )
+    good |= places == largest
     kept = np.empty(len(order), dtype=bool)
     kept[order] = good[of_layer]
     return kept
 
 
 def _layer_gap(
-    of_block: IntArray,
-    new_block: npt.NDArray[np.bool_],
-    bins: IntArray,
-    count: IntArray,
-    total: FloatArray,
-    voxels: Voxels,
-    cell: float,
+    new_block: npt.NDArray[np.bool_], bins: IntArray, count: IntArray, cubes: Cubes, cell: float
 ) -> FloatArray:
     """Return per block the step in height, in bins, that parts two layers.
 
     On steep ground a block spans many bins, with natural gaps between its points: the step is
-    then at least the block's interquartile range.
+    then at least the block's interquartile range, of its points or its cubes. Of the two that
+    which is less: a stray may be there many times, and where cubes hold many points strays fill
+    more than their share.
     """
     start = np.flatnonzero(new_block)
-    running = np.cumsum(count)
-    before = running[start] - count[start]
-    quartile = [
-        bins[np.searchsorted(running, before + share * total, side="left")]
-        for share in (0.25, 0.75)
-    ]
-    least = max(2.0, _LAYER_GAP_CELLS * cell / (voxels.quantum * voxels.bin_quanta))
-    return np.asarray(np.maximum(least, (quartile[1] - quartile[0]).astype(np.float64)))
+    ranges = []
+    for weight in (count, np.ones_like(count)):
+        running = np.cumsum(weight)
+        before = running[start] - weight[start]
+        total = np.add.reduceat(weight, start)
+        low, high = (
+            bins[np.searchsorted(running, before + share * total, side="left")]
+            for share in (0.25, 0.75)
+        )
+        ranges.append(high - low)
+    least = max(2.0, _LAYER_GAP_CELLS * cell / cubes.cell)
+    return np.asarray(np.maximum(least, np.minimum(*ranges).astype(np.float64)))
 
 
 def _collect(
-    voxels: Voxels, flat: IntArray, kept: npt.NDArray[np.bool_], window: CellWindow
+    cubes: Cubes, flat: IntArray, kept: npt.NDArray[np.bool_], window: CellWindow
 ) -> CellHeights:
-    """Return the cells' heights from the kept voxels."""
-    size = window.nx * window.ny
+    """Return the cells' heights from the kept cubes."""
+    size, shape = window.nx * window.ny, window.shape
+    strays = np.bincount(flat[~kept], cubes.count[~kept], size)
+    cubes, flat = cubes.select(kept), flat[kept]
+    foot = int(cubes.bin.min()) if len(flat) else 0
     # Sums of integers below 2^53 are exact in float64, hence the same in any order.
-    count = np.bincount(flat[kept], voxels.count[kept], size)
-    total = np.bincount(flat[kept], voxels.total[kept].astype(np.float64), size)
-    strays = np.bincount(flat[~kept], voxels.count[~kept], size)
-    centre = voxels.bin[kept] * (voxels.bin_quanta * voxels.quantum)
+    count: IntArray = np.bincount(flat, cubes.count, size).astype(np.int64)
+    heights = cubes.inside + cubes.count * ((cubes.bin - foot) * cubes.height)
+    total = np.bincount(flat, heights.astype(np.float64), size)
     low, high = np.full(size, np.inf), np.full(size, -np.inf)
-    np.minimum.at(low, flat[kept], centre)
-    np.maximum.at(high, flat[kept], centre)
+    np.minimum.at(low, flat, (cubes.bin + 0.5) * cubes.cell)
+    np.maximum.at(high, flat, (cubes.bin + 0.5) * cubes.cell)
     empty = count == 0
     low[empty] = high[empty] = np.nan
-    with np.errstate(invalid="ignore"):
-        z = np.where(empty, np.nan, total / np.maximum(count, 1) * voxels.quantum)
-    shape = window.shape
+    z = np.where(empty, np.nan, total / np.maximum(count, 1) * cubes.quantum + foot * cubes.cell)
     return CellHeights(
         window,
         z.reshape(shape),
-        count.astype(np.int64).reshape(shape),
+        count.reshape(shape),
         strays.astype(np.int64).reshape(shape),
         low.reshape(shape),
         high.reshape(shape),
+        _places(cubes, flat, count).reshape(shape),
     )
 
 
-def support(count: IntArray, fraction: FloatArray) -> float:
+def _parts(cubes: Cubes, flat: IntArray, size: int) -> IntArray:
+    """Return how many parts of each cell have points, a cube wide; (size,)."""
+    part = cubes.column % cubes.factor * cubes.factor + cubes.row % cubes.factor
+    has_points = np.zeros((size, cubes.factor**2), dtype=bool)
+    has_points[flat, part] = True
+    return np.asarray(np.count_nonzero(has_points, axis=1))
+
+
+def _places(cubes: Cubes, flat: IntArray, count: IntArray) -> FloatArray:
+    """Return how many points of each cell are no repetitions, from the parts of it they are in.
+
+    Points at random fall into the same part now and then. Where all parts have points these are
+    too many to tell, and repetitions hardly matter.
+    """
+    share = _parts(cubes, flat, len(count)) / cubes.factor**2
+    full = share >= 1.0
+    return np.where(full, count, -(cubes.factor**2) * np.log1p(-np.where(full, 0.0, share)))
+
+
+def support(count: FloatArray, fraction: FloatArray) -> float:
     """Return the share of the area that points support, 0..1.
 
     A cell with points counts whole, unless it borders on an empty one: the edge of the gap then
@@ -239,7 +290,7 @@ def support(count: IntArray, fraction: FloatArray) -> float:
     return float(min((fraction * credit).sum() / area, 1.0))
 
 
-def _typical_count(count: IntArray, inner: npt.NDArray[np.bool_]) -> FloatArray:
+def _typical_count(count: FloatArray, inner: npt.NDArray[np.bool_]) -> FloatArray:
     """Return the mean count of the fully surrounded cells near each cell."""
     weight = ndimage.uniform_filter(inner.astype(np.float64), 31, mode="constant")
     total = ndimage.uniform_filter(

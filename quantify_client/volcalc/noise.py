@@ -17,7 +17,7 @@ from functools import cache
 import numpy as np
 from scipy import ndimage, optimize
 
-from ..types import FloatArray, IntArray
+from ..types import FloatArray
 from .robust import quantile
 
 __all__ = ["Noise", "functional_std", "measure_noise", "sampled_std"]
@@ -91,14 +91,14 @@ class Noise:
 
 
 def measure_noise(
-    z: FloatArray, count: IntArray, filled: FloatArray, fraction: FloatArray
+    z: FloatArray, count: FloatArray, filled: FloatArray, fraction: FloatArray
 ) -> Noise:
     """Return the noise of cell heights, measured from the heights themselves.
 
     Parameters
     ----------
     z : (ny, nx) float64, metres; NaN where no points are.
-    count : (ny, nx) points of each cell.
+    count : (ny, nx) points of each cell, repetitions not counted.
     filled : `z` with its gaps closed.
     fraction : (ny, nx) share of each cell inside the area. The ground outside is less shaped
         than what is measured, and where there is enough of it, it tells the noise.
@@ -156,7 +156,7 @@ def _spreads(z: FloatArray, order: int) -> tuple[FloatArray, FloatArray]:
 def _cell_sigma(
     independent: float,
     z: FloatArray,
-    count: IntArray,
+    count: FloatArray,
     filled: FloatArray,
 ) -> tuple[FloatArray, float]:
     """Return each cell's independent standard deviation, and that of a point.
@@ -295,7 +295,7 @@ def functional_std(weights: FloatArray, noise: Noise) -> FloatArray:
     return np.asarray(np.sqrt(variance))
 
 
-def sampled_std(points: FloatArray, cells: FloatArray, count: IntArray, noise: Noise) -> float:
+def sampled_std(points: FloatArray, cells: FloatArray, count: FloatArray, noise: Noise) -> float:
     """Return the standard deviation of sum(points * p) + sum(cells * z) under the noise.
 
     p is a single point of each cell, z the mean height of its n points, that one among them: the

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Sequence
 
 import numpy as np
@@ -12,11 +13,11 @@ from shapely.geometry import MultiPolygon, Polygon
 
 from ..errors import SupportError
 from ..types import FloatArray, IntArray, Window
-from .grid import CellWindow, Grid
-from .heights import cell_heights
-from .surface import Voxels
+from .grid import CellWindow
+from .heights import cell_heights, fit_cells
+from .surface import Cubes
 
-__all__ = ["cloud_outline", "core_window", "height_quantiles"]
+__all__ = ["Outline", "cloud_outline", "core_window", "height_quantiles"]
 
 #: Gaps in the outline up to twice this many cells are closed.
 _CLOSING = 2
@@ -29,14 +30,31 @@ _FRINGE = 0.001
 _FEW = 2.5
 _MOST_FRINGE = 0.05
 
-#: Points of a voxel that count where a dense object must not outweigh the ground around it.
+#: Where most occupied cubes hold more points than this, and nearly all points touch each other
+#: within so small a share of the box, the others are strays however many there are.
+_CROWDED = 16
+_NEARLY_ALL = 0.95
+_SMALL = 0.01
+
+#: Points of a cube that count where a dense object must not outweigh the ground around it.
 _PLENTY = 16
+
+#: Points within this many cells of the outline are its edge.
+_EDGE = 2
 
 #: Islands smaller than this share of the largest are left out.
 _LEAST_ISLAND = 0.02
 
 
-def cloud_outline(voxels: Voxels, grid: Grid, bounds: Window) -> Polygon | MultiPolygon:
+@dataclass(frozen=True)
+class Outline:
+    """The polygon of a whole cloud, and the share of the points that lie clearly outside it."""
+
+    polygon: Polygon | MultiPolygon
+    outside: float
+
+
+def cloud_outline(cubes: Cubes, bounds: Window) -> Outline:
     """Return the polygon of the cells that the cloud covers, holes closed, edge cells left out.
 
     Raises
@@ -44,7 +62,8 @@ def cloud_outline(voxels: Voxels, grid: Grid, bounds: Window) -> Polygon | Multi
     SupportError
         When no cells touch each other.
     """
-    heights = cell_heights(voxels, grid, bounds)
+    cubes = fit_cells(cubes, bounds)
+    heights = cell_heights(cubes, bounds)
     ring = ndimage.generate_binary_structure(2, 1)
     covered = ndimage.binary_closing(heights.count > 0, ring, iterations=_CLOSING)
     covered = ndimage.binary_erosion(ndimage.binary_fill_holes(covered), ring)
@@ -56,16 +75,20 @@ def cloud_outline(voxels: Voxels, grid: Grid, bounds: Window) -> Polygon | Multi
         )
     sizes = ndimage.sum_labels(covered, label, np.arange(1, number + 1))
     large = np.flatnonzero(sizes >= _LEAST_ISLAND * sizes.max()) + 1
-    rows, starts, ends = _runs(np.isin(label, large))
+    kept = np.isin(label, large)
+    rows, starts, ends = _runs(kept)
     cell, window = heights.window.cell, heights.window
     left, right = window.first_x + starts, window.first_x + ends
     bottom = window.first_y + rows
     boxes = shapely.box(left * cell, bottom * cell, right * cell, (bottom + 1) * cell)
     # Rows share corners computed from the same whole numbers, so the union has no slivers.
-    return shapely.union_all(boxes)
+    near = ndimage.binary_dilation(kept, ring, iterations=_EDGE)
+    points = heights.count + heights.strays
+    outside = 1.0 - points[near].sum() / max(int(points.sum()), 1)
+    return Outline(shapely.union_all(boxes), float(outside))
 
 
-def core_window(voxels: Voxels, grid: Grid, bounds: Window | None = None) -> Window | None:
+def core_window(cubes: Cubes, bounds: Window | None = None) -> Window | None:
     """Return the box of the occupied cells, without those far from where nearly all points are.
 
     A single point a thousand kilometres away makes the box of all points, and with it the cells,
@@ -79,39 +102,63 @@ def core_window(voxels: Voxels, grid: Grid, bounds: Window | None = None) -> Win
     -------
     None without any points.
     """
-    column, row = grid.corners(voxels.number)
-    count = voxels.count
+    column, row, count = cubes.column, cubes.row, cubes.count
     if bounds is not None:
-        near = CellWindow.around(bounds, grid.cell, 0)
+        near = CellWindow.around(bounds, cubes.cell, 0)
         within = (column >= near.first_x) & (column < near.first_x + near.nx)
         within &= (row >= near.first_y) & (row < near.first_y + near.ny)
         column, row, count = column[within], row[within], np.minimum(count[within], _PLENTY)
     if not len(column):
         return None
-    sides = [_core(index, count) for index in (column, row)]
+    cluster = _cluster(column, row, count) if bounds is None else None
+    sides = cluster or [_core(index, count) for index in (column, row)]
     inside = np.ones(len(column), dtype=bool)
     for index, (low, high) in zip((column, row), sides):
         inside &= (index >= low) & (index <= high)
     column, row = column[inside], row[inside]
     return Window(
-        float(column.min() * grid.cell),
-        float(row.min() * grid.cell),
-        float((column.max() + 1) * grid.cell),
-        float((row.max() + 1) * grid.cell),
+        float(column.min() * cubes.cell),
+        float(row.min() * cubes.cell),
+        float((column.max() + 1) * cubes.cell),
+        float((row.max() + 1) * cubes.cell),
     )
 
 
-def height_quantiles(voxels: Voxels, shares: Sequence[float]) -> list[float]:
-    """Return heights below which these shares of the points lie, to half a streaming cell.
+def _cluster(column: IntArray, row: IntArray, count: IntArray) -> list[tuple[float, float]] | None:
+    """Return the limits of the one place where nearly all points crowd, None without such a one.
+
+    Points far from it may be more than a fringe: those at the origin, or noise from the sky.
+    """
+    corner = column.min(), row.min()
+    column, row = column - corner[0], row - corner[1]
+    points = np.zeros((int(column.max()) + 1, int(row.max()) + 1))
+    np.add.at(points, (column, row), count)
+    if count.sum() < _CROWDED * np.count_nonzero(points):
+        return None
+    label, _ = ndimage.label(points, np.ones((3, 3)))
+    in_label = np.bincount(label.ravel(), points.ravel())
+    largest = int(np.argmax(in_label))
+    if in_label[largest] < _NEARLY_ALL * count.sum():
+        return None
+    limits = []
+    for along, first in zip(np.nonzero(label == largest), corner):
+        room = along.max() - along.min() + 1
+        limits.append((float(along.min() - room + first), float(along.max() + room + first)))
+    wide = [high - low + 1 for low, high in limits]
+    return limits if wide[0] * wide[1] < _SMALL * points.size else None
+
+
+def height_quantiles(cubes: Cubes, shares: Sequence[float]) -> list[float]:
+    """Return heights below which these shares of the points lie, to half a cube.
 
     Metres; 0 without points.
     """
-    if not len(voxels.bin):
+    if not len(cubes.bin):
         return [0.0] * len(shares)
-    bins, place = np.unique(voxels.bin, return_inverse=True)
-    running = np.bincount(place.ravel(), voxels.count).cumsum()
+    bins, place = np.unique(cubes.bin, return_inverse=True)
+    running = np.bincount(place.ravel(), cubes.count).cumsum()
     found = bins[np.searchsorted(running, np.asarray(shares) * running[-1])]
-    return [float(height) for height in found * (voxels.bin_quanta * voxels.quantum)]
+    return [float(height) for height in (found + 0.5) * cubes.cell]
 
 
 def _core(index: IntArray, count: IntArray) -> tuple[float, float]:

@@ -16,9 +16,9 @@ from shapely import affinity
 from shapely.geometry import MultiPolygon, Polygon
 
 from ..errors import SupportError
-from ..types import AreaResult, BudgetItem, Check, FloatArray
-from .grid import Grid
-from .surface import Voxels
+from ..types import AreaResult, BudgetItem, Check, FloatArray, Window
+from .heights import fit_cells
+from .surface import Cubes
 from .terrain import Measured, Recipe, measure_terrain
 from .terrain_words import words
 
@@ -32,14 +32,13 @@ _FEW_CELLS = 10_000
 _BASE_LEFT = 0.85
 
 #: Where the cells begin, as shares of a cell.
-_PLACES = ((0.5, 0.5), (0.5, 0.0), (0.0, 0.5))
+_PLACES = ((0.0, 0.5), (0.5, 0.0), (0.5, 0.5))
 
 
 def measure_area(
     name: str,
     polygon: Union[Polygon, MultiPolygon],
-    voxels: Voxels,
-    grid: Grid,
+    cubes: Cubes,
     points: FloatArray,
     recipe: Recipe,
 ) -> AreaResult:
@@ -48,21 +47,18 @@ def measure_area(
     Volumes are the means over the placements, with a budget that fits them, and so is the check;
     everything else is that of the first. The words are made of these numbers.
     """
-    first = measure_terrain(name, polygon, voxels, grid, points, recipe)
+    cubes = fit_cells(cubes, Window(*polygon.bounds))
+    first = measure_terrain(name, polygon, cubes, points, recipe)
     cell = first[0].result.cell_m
     if cell is None or polygon.area > _FEW_CELLS * cell**2:
         return _told([first])
-    factor = round(cell / grid.cell)
-    steps = {(round(x * factor), round(y * factor)) for x, y in _PLACES}
     others = []
-    for east, north in sorted(steps - {(0, 0)}):
-        move = np.array([east * grid.cell, north * grid.cell, 0.0])
+    for east, north in ((round(x * cubes.factor), round(y * cubes.factor)) for x, y in _PLACES):
+        move = np.array([east * cubes.cell, north * cubes.cell, 0.0])
         moved = affinity.translate(polygon, move[0], move[1])
         try:
             others.append(
-                measure_terrain(
-                    name, moved, voxels, grid.further(east, north), points + move, recipe
-                )
+                measure_terrain(name, moved, cubes.further(east, north), points + move, recipe)
             )
         except SupportError:
             continue  # at the very limit of what is measured at all

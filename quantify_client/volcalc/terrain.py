@@ -23,12 +23,12 @@ from .base import BASES, Base, make_base
 from .cells import cell_fractions, polygons_of
 from .check import tin_check
 from .crossing import bridge_crossings
-from .grid import Grid
+from .gaps import require_fine, why_unsupported
 from .heights import CellHeights, cell_heights, fill_gaps, support
 from .integrate import above_mask, integrate_slices, slab_edges
 from .noise import Noise, measure_noise
 from .rim import Rim, require_plain_outline, sample_rim
-from .surface import Voxels
+from .surface import Cubes
 from .terrain_words import Doubts
 from .uncertainty import Surface, error_budget, rim_relief
 
@@ -37,9 +37,6 @@ __all__ = ["Measured", "Recipe", "measure_terrain"]
 #: Below this share of supported cells the area is refused.
 LEAST_SUPPORT = 0.5
 
-#: Fewer cells than this with more points each than that are too large for what they hold.
-_FEW_CELLS = 100
-_CROWDED = 64
 
 #: Heights go on beyond the points' outer edge for this share of the area's size, in whole cells.
 _REACH = 0.05
@@ -92,8 +89,7 @@ class _Ground:
 def measure_terrain(
     name: str,
     polygon: Polygon | MultiPolygon,
-    voxels: Voxels,
-    grid: Grid,
+    cubes: Cubes,
     points: FloatArray,
     recipe: Recipe,
 ) -> tuple[Measured, ...]:
@@ -101,37 +97,32 @@ def measure_terrain(
 
     Parameters
     ----------
-    polygon : valid, in the measuring frame, metres.
-    voxels, grid : the accumulated heights.
-    points : (K, 3) real points for the check, from ``PointSample``.
+    polygon : valid, metres, in the coordinates of the cubes.
+    cubes : from `fit_cells`.
+    points : (K, 3) real points for the check, in the same coordinates.
 
     Raises
     ------
     SupportError
         When points support less than half of the area.
     """
-    ground = _survey(name, polygon, voxels, grid, points)
+    ground = _survey(name, polygon, cubes, points)
     bases = BASES if recipe.base == "compare" else [recipe.base]
     return tuple(_measure(ground, base, recipe) for base in bases)
 
 
 def _survey(
-    name: str, polygon: Polygon | MultiPolygon, voxels: Voxels, grid: Grid, points: FloatArray
+    name: str, polygon: Polygon | MultiPolygon, cubes: Cubes, points: FloatArray
 ) -> _Ground:
     """Return the surface of an area: heights, gaps, rim and noise."""
-    heights = cell_heights(voxels, grid, Window(*polygon.bounds))
+    heights = cell_heights(cubes, Window(*polygon.bounds))
     parts = polygons_of(polygon)
     require_plain_outline(parts, heights.window.cell)
     fraction = cell_fractions(polygon, heights.window)
-    if heights.window.cell == grid.cell:
-        _require_fine(heights, fraction)
-    coverage = support(heights.count, fraction)
+    require_fine(heights, fraction, cubes.factor**2)
+    coverage = support(heights.places, fraction)
     if coverage < LEAST_SUPPORT:
-        raise SupportError(
-            f"points support {coverage:.0%} of the area in cells of {heights.window.cell:g} m, at "
-            f"least {LEAST_SUPPORT:.0%} are needed; draw the area where the cloud has points or "
-            "reconstruct it at a higher quality"
-        )
+        raise SupportError(why_unsupported(cubes, heights, fraction, coverage, LEAST_SUPPORT))
     size = np.sqrt(fraction.sum())
     reach = max(_LEAST_REACH_CELLS, round(float(_REACH * size)))
     # The slopes of smoothed heights reach two cells further than the area.
@@ -145,22 +136,10 @@ def _survey(
         filled,
         fraction,
         sample_rim(parts, heights, fraction),
-        measure_noise(heights.z, heights.count, filled, fraction),
+        measure_noise(heights.z, heights.places, filled, fraction),
         coverage,
         points,
     )
-
-
-def _require_fine(heights: CellHeights, fraction: FloatArray) -> None:
-    """Refuse an area of a few crowded cells: far places made them so large, and hide its form."""
-    cells = float(fraction.sum())
-    inside = float((fraction * heights.count).sum())
-    if cells < _FEW_CELLS and inside > _CROWDED * max(cells, 1.0):
-        raise SupportError(
-            f"the area has {inside:.0f} points in {cells:.3g} cells of {heights.window.cell:g} m: "
-            "areas or points of the cloud that lie very far apart make the cells too large; "
-            "measure them one by one, or remove those points"
-        )
 
 
 def _measure(ground: _Ground, base_name: Union[str, float], recipe: Recipe) -> Measured:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import Sequence
 
 import numpy as np
 import shapely
@@ -13,101 +11,70 @@ from scipy.spatial import Delaunay
 from shapely.geometry import MultiPolygon, Polygon
 
 from ..types import FloatArray, IntArray
-from .grid import CellWindow, Grid, coarser_factors
 from .heights import CellHeights
 from .rim import Rim
 
-__all__ = ["PointSample", "TinIntegral", "best_of", "tin_integral"]
+__all__ = ["PointSample", "TinIntegral", "first_of", "priority", "tin_integral"]
 
-#: Real points kept over all areas together; an area never has more.
-MAX_POINTS = 60_000
+#: Real points kept over an area at most.
+MAX_POINTS = 1 << 15
 
-#: Points looked at per kept one; more would only cost time.
-_CANDIDATES = 4.0
+#: Odd numbers whose bits show no pattern, one for each coordinate and one to mix them.
+_MIX = (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9, 0xD6E8FEB86659FD93)
 
-#: The kept point is the nearest to a spot near the cell's middle that no regular grid hits twice.
-_SPOT = (0.5137, 0.4929)
+
+def priority(xyz: FloatArray) -> FloatArray:
+    """Return a number in 0..1 for each point (N, 3), the same one for the same place.
+
+    Which points come first is as good as random, and has nothing to do with their order.
+    """
+    bits = np.ascontiguousarray(xyz.T).view(np.uint64)
+    mixed = bits[0] * np.uint64(_MIX[0])
+    for axis in (1, 2):
+        mixed ^= mixed >> np.uint64(32)
+        mixed += bits[axis]
+        mixed *= np.uint64(_MIX[axis])
+    mixed ^= mixed >> np.uint64(29)
+    mixed *= np.uint64(_MIX[3])
+    return np.asarray((mixed >> np.uint64(11)) * 2.0**-53)
 
 
 class PointSample:
-    """One real point per check cell, mergeable in any order: the one nearest to the cell's spot.
+    """Some real points of one area, mergeable in any order: those of the first priorities."""
 
-    Of dense clouds only points near the spots are looked at.
-
-    Parameters
-    ----------
-    windows : of streaming cells.
-    point_count : points expected in the windows, None when unknown.
-    """
-
-    def __init__(self, grid: Grid, windows: Sequence[CellWindow], point_count: int | None) -> None:
-        self.grid = grid
-        cells = sum(w.nx * w.ny for w in windows)
-        least = math.sqrt(cells / MAX_POINTS)
-        self.size = grid.cell * next(f for f in coarser_factors(grid.cell) if f >= least)
-        ground = cells * (grid.cell / self.size) ** 2
-        share = 1.0 if not point_count else min(1.0, _CANDIDATES * ground / point_count)
-        self._half = 0.5 * math.sqrt(share)
-        self._kept: list[FloatArray] = [np.empty((0, 6))]
+    def __init__(self) -> None:
+        self.limit = 1.0
+        self._kept: list[FloatArray] = [np.empty((0, 4))]
         self._waiting = 0
 
-    def reduce(self, x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
-        """Return the best candidates of some points as rows of row, column, distance, x, y, z."""
-        return best_of(self.candidates(x, y, z))
-
-    def candidates(self, x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
-        """Return the points near the spots as rows of row, column, distance, x, y, z."""
-        # Few points are left after the first coordinate, so the second costs little.
-        column, u, x, y, z = self._near_spot(x, _SPOT[0], x, y, z)
-        row, v, column, u, x, y, z = self._near_spot(y, _SPOT[1], column, u, x, y, z)
-        return np.column_stack([row, column, u * u + v * v, x, y, z])
-
-    def _near_spot(self, along: FloatArray, spot: float, *others: FloatArray) -> list[FloatArray]:
-        """Return cells, distances from their spots and the others of the points near a spot."""
-        off = along * (1.0 / self.size)
-        cell = np.floor(off)
-        off -= cell
-        off -= spot
-        if self._half >= 0.5:
-            return [cell, off, *others]
-        near = np.flatnonzero(np.abs(off) < self._half)
-        return [values[near] for values in (cell, off, *others)]
-
     def absorb(self, rows: FloatArray) -> None:
-        """Add what ``reduce`` returned."""
+        """Add rows of priority, x, y and z."""
         self._kept.append(rows)
         self._waiting += len(rows)
-        if self._waiting > 4 * MAX_POINTS:
-            self.points()
+        if self._waiting > MAX_POINTS:
+            self._settle()
 
     def points(self) -> FloatArray:
-        """Return the kept points, (K, 3) float64, ordered by cell, each column in one piece."""
-        kept = best_of(np.concatenate(self._kept))
-        self._kept, self._waiting = [kept], len(kept)
-        return np.asfortranarray(kept[:, 3:])
+        """Return the kept points, (K, 3) float64, each column in one piece."""
+        self._settle()
+        return np.asfortranarray(self._kept[0][:, 1:])
+
+    def _settle(self) -> None:
+        kept = first_of(np.concatenate(self._kept))
+        self._kept, self._waiting = [kept], 0
+        if len(kept) == MAX_POINTS:
+            self.limit = float(kept[-1, 0])
 
 
-def best_of(rows: FloatArray) -> FloatArray:
-    """Return the nearest row of each cell; the coordinates break ties, so order never does."""
-    if not len(rows):
-        return rows
-    row, column = (rows[:, i] - rows[:, i].min() for i in (0, 1))
-    key = row * (column.max() + 1.0) + column
-    order = np.argsort(key)
-    key = key[order]
-    first = np.ones(len(key), dtype=bool)
-    np.not_equal(key[1:], key[:-1], out=first[1:])
-    of_cell = np.cumsum(first) - 1
-    distance = rows[order, 2]
-    nearest = np.minimum.reduceat(distance, np.flatnonzero(first))
-    order = order[distance == nearest[of_cell]]
-    rows = rows[order]
-    if len(rows) > len(nearest):
-        rows = rows[np.lexsort((rows[:, 5], rows[:, 4], rows[:, 3], rows[:, 1], rows[:, 0]))]
-        first = np.ones(len(rows), dtype=bool)
-        first[1:] = np.any(rows[1:, :2] != rows[:-1, :2], axis=1)
-        rows = rows[first]
-    return rows
+def first_of(rows: FloatArray) -> FloatArray:
+    """Return the distinct rows of the first priorities, ordered by them."""
+    order = np.argsort(rows[:, 0])
+    same = np.diff(rows[order, 0]) == 0
+    if same.any():
+        order = np.lexsort(rows.T[::-1])
+        same = np.all(rows[order[1:]] == rows[order[:-1]], axis=1)
+        order = order[np.append(True, ~same)]
+    return rows[order[:MAX_POINTS]]
 
 
 @dataclass(frozen=True)
@@ -136,9 +103,8 @@ def tin_integral(
 ) -> TinIntegral | None:
     """Return the integral of a TIN's height over the area; None without nodes.
 
-    The nodes are real points (one per check cell and no more than one per cell of the surface,
-    strays left out) and the rim, whose segments are edges of the triangulation. Triangles across
-    a hole are cut at it.
+    The nodes are real points (no more than one per cell of the surface, strays left out) and the
+    rim, whose segments are edges of the triangulation. Triangles across a hole are cut at it.
 
     Parameters
     ----------

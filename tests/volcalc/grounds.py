@@ -34,8 +34,10 @@ def ground_under(
     z = LEVEL + height(x, y) + noise * np.random.default_rng(0).standard_normal(x.shape)
     known = np.ones(x.shape, bool) if measured is None else measured(x, y)
     z = np.where(known, z, np.nan)
+    count = np.where(known, 4, 0)
+    strays = np.zeros(x.shape, np.int64)
     return CellHeights(
-        window, z, np.where(known, 4, 0), np.zeros(x.shape, np.int64), z - cell / 4, z + cell / 4
+        window, z, count, strays, z - cell / 4, z + cell / 4, count.astype(np.float64)
     )
 
 

@@ -7,23 +7,25 @@ import pytest
 
 from quantify_client.errors import SupportError
 from quantify_client.types import Window
-from quantify_client.volcalc.grid import CellWindow, Grid
+from quantify_client.volcalc.accumulate import TerrainAccumulator
 from quantify_client.volcalc.outline import cloud_outline
-from quantify_client.volcalc.surface import HeightHistogram
 
 from .grounds import EAST, LEVEL, NORTH
 
 CLOUD = Window(EAST, NORTH, EAST + 30, NORTH + 30)
 
 
-def outline_of(keep, count=40_000):
+def outlined(keep, count=40_000):
     x, y = np.random.default_rng(0).uniform(0, 30, (2, count))
     kept = keep(x, y)
-    grid = Grid.over([CellWindow.around(CLOUD, 0.1, 2)])
-    histogram = HeightHistogram(grid)
-    number, _ = grid.locate(EAST + x[kept], NORTH + y[kept])
-    histogram.add(number, np.full(len(number), LEVEL))
-    return cloud_outline(histogram.voxels(), grid, CLOUD)
+    accumulator = TerrainAccumulator([CLOUD], room=False)
+    z = np.full(np.count_nonzero(kept), LEVEL)
+    accumulator.absorb(accumulator.reduce(EAST + x[kept], NORTH + y[kept], z))
+    return cloud_outline(accumulator.ground(0)[0], Window(0, 0, 30, 30))
+
+
+def outline_of(keep, count=40_000):
+    return outlined(keep, count).polygon
 
 
 def test_outline_of_a_disc_is_a_disc_less_an_edge_of_cells():
@@ -31,8 +33,8 @@ def test_outline_of_a_disc_is_a_disc_less_an_edge_of_cells():
     assert disc.is_valid
     assert disc.geom_type == "Polygon"
     assert np.pi * 11**2 < disc.area < np.pi * 12**2
-    assert disc.centroid.x == pytest.approx(EAST + 15, abs=0.1)
-    assert disc.centroid.y == pytest.approx(NORTH + 15, abs=0.1)
+    assert disc.centroid.x == pytest.approx(15, abs=0.1)
+    assert disc.centroid.y == pytest.approx(15, abs=0.1)
 
 
 def test_holes_are_closed():
@@ -47,6 +49,18 @@ def test_islands_are_parts_and_specks_are_not():
     )
     assert outline.geom_type == "MultiPolygon"
     assert len(outline.geoms) == 2
+
+
+def test_the_share_of_points_outside_is_what_the_edge_does_not_explain():
+    disc = outlined(lambda x, y: np.hypot(x - 15, y - 15) < 12)
+    assert disc.outside == 0.0
+    small = lambda x, y: np.hypot(x % 3 - 1.5, y % 3 - 1.5) < 0.7  # noqa: E731
+    islands = outlined(lambda x, y: (np.hypot(x - 15, y - 15) < 8) | small(x, y) & (x < 5))
+    x, y = np.random.default_rng(0).uniform(0, 30, (2, 40_000))
+    away = small(x, y) & (x < 5) & (np.hypot(x - 15, y - 15) > 8)
+    share = away.sum() / (away | (np.hypot(x - 15, y - 15) < 8)).sum()
+    assert islands.outside == pytest.approx(share, abs=0.02)
+    assert share > 0.1
 
 
 def test_points_too_far_apart_to_touch_are_refused_in_words():

@@ -1,4 +1,4 @@
-"""Height histograms: exact sums, whatever the order."""
+"""Cubes: exact sums, whatever the order, however often they are merged."""
 
 from __future__ import annotations
 
@@ -8,14 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from quantify_client.types import Window
-from quantify_client.volcalc.grid import CellWindow, Grid
-from quantify_client.volcalc.surface import HeightHistogram
+from quantify_client.volcalc import surface
+from quantify_client.volcalc.accumulate import TerrainAccumulator
 
 EAST, NORTH = 576_700.0, 5_188_140.0
-
-
-def make_grid(cell=0.25):
-    return Grid.over([CellWindow.around(Window(EAST, NORTH, EAST + 20, NORTH + 20), cell, 2)])
+AREA = Window(EAST, NORTH, EAST + 20, NORTH + 20)
 
 
 def some_points(count=5000, seed=0):
@@ -24,117 +21,111 @@ def some_points(count=5000, seed=0):
     return x, y, 160 + np.round(rng.normal(0, 1.5, count), 3)
 
 
-def filled(histogram, x, y, z):
-    number, kept = histogram.grid.locate(x, y)
-    assert kept is None
-    histogram.add(number, z)
-    return histogram
+def cubes_of(x, y, z, pieces=None, area=AREA, lowest=0.0):
+    accumulator = TerrainAccumulator([area], lowest)
+    for piece in [np.arange(len(x))] if pieces is None else pieces:
+        accumulator.absorb(accumulator.reduce(x[piece], y[piece], z[piece]))
+    return accumulator.ground(0)[0]
 
 
-def bits(histogram):
-    voxels = histogram.voxels()
-    return voxels.number, voxels.bin, voxels.count, voxels.total
+def heights(cubes):
+    """Sums of heights of the cubes, metres."""
+    return cubes.count * cubes.bin * cubes.cell + cubes.inside * cubes.quantum
 
 
 def assert_same_bits(one, other):
-    for a, b in zip(bits(one), bits(other)):
-        np.testing.assert_array_equal(a, b)
+    for name in ("column", "row", "bin", "count", "inside"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    assert one.cell == other.cell
 
 
-def test_counts_and_sums_of_cells_are_those_of_the_points():
+def test_counts_and_sums_of_cubes_are_those_of_the_points():
     x, y, z = some_points()
-    voxels = filled(HeightHistogram(make_grid()), x, y, z).voxels()
-    column, row = make_grid().corners(voxels.number)
+    cubes = cubes_of(x, y, z)
     place = {}
-    for px, py, pz in zip(np.floor(x / 0.25), np.floor(y / 0.25), z):
-        place.setdefault((int(px), int(py)), []).append(pz)
+    for point in zip(np.floor((x - EAST) / cubes.cell), np.floor((y - NORTH) / cubes.cell), z):
+        place.setdefault(point[:2], []).append(point[2])
     count, total = {}, {}
-    for c, r, n, t in zip(column.tolist(), row.tolist(), voxels.count, voxels.total):
-        count[c, r] = count.get((c, r), 0) + int(n)
-        total[c, r] = total.get((c, r), 0) + int(t)
-    assert count == {key: len(heights) for key, heights in place.items()}
-    for key, heights in place.items():
-        assert total[key] * voxels.quantum == pytest.approx(sum(heights), abs=0.5e-4 * len(heights))
+    for key, n, t in zip(zip(cubes.column, cubes.row), cubes.count, heights(cubes)):
+        count[key] = count.get(key, 0) + int(n)
+        total[key] = total.get(key, 0.0) + t
+    assert count == {key: len(each) for key, each in place.items()}
+    for key, each in place.items():
+        assert total[key] == pytest.approx(sum(each), abs=cubes.quantum * len(each))
 
 
-def test_bins_hold_the_heights_that_they_name():
-    histogram = HeightHistogram(make_grid())
-    for z in (-3.2, -0.124, -0.06, 0.0, 0.06, 0.124, 0.1251, 160.0, 8848.123):
-        one = HeightHistogram(histogram.grid)
-        voxels = filled(one, np.array([EAST + 1]), np.array([NORTH + 1]), np.array([z])).voxels()
-        size = voxels.bin_quanta * voxels.quantum
-        assert abs(voxels.bin[0] * size - z) <= size / 2 + voxels.quantum
-        assert voxels.total[0] * voxels.quantum == pytest.approx(z, abs=voxels.quantum / 2 + 1e-9)
+@pytest.mark.parametrize("z", [-10_994.3, -3.2, -0.06, 0.0, 0.1251, 160.0, 8848.123])
+def test_bins_hold_the_heights_that_they_name(z):
+    cubes = cubes_of(np.array([EAST + 1]), np.array([NORTH + 1]), np.array([z]))
+    assert 0 <= z - cubes.bin[0] * cubes.cell <= cubes.cell + cubes.quantum
+    assert heights(cubes)[0] == pytest.approx(z, abs=cubes.quantum)
 
 
-def test_voxels_are_sorted_by_cell_then_height_and_distinct():
-    voxels = filled(HeightHistogram(make_grid()), *some_points()).voxels()
-    key = voxels.number * 10**7 + voxels.bin
+def test_cubes_are_sorted_and_distinct():
+    cubes = cubes_of(*some_points())
+    key = (cubes.column * 10**6 + cubes.row) * 10**6 + cubes.bin
     assert (np.diff(key) > 0).all()
-    assert voxels.count.sum() == 5000
+    assert cubes.count.sum() == 5000
 
 
-@settings(max_examples=25)
-@given(seed=st.integers(0, 1000), cuts=st.lists(st.integers(0, 2000), max_size=6))
-def test_any_chunking_in_any_order_gives_the_same_bits(seed, cuts):
+@settings(max_examples=20)
+@given(
+    seed=st.integers(0, 1000),
+    cuts=st.lists(st.integers(0, 2000), max_size=6),
+    most=st.sampled_from([100, 700, 1 << 21]),
+)
+def test_any_chunks_in_any_order_give_the_same_bits(seed, cuts, most):
+    """Also where cubes are merged and the room is halved in the middle of the pass."""
     x, y, z = some_points(2000, seed=3)
-    whole = filled(HeightHistogram(make_grid()), x, y, z)
-    rng = np.random.default_rng(seed)
-    order = rng.permutation(2000)
-    chunked = HeightHistogram(make_grid())
-    pieces = np.split(order, sorted(cuts))
-    for piece in pieces:
-        filled(chunked, x[piece], y[piece], z[piece])
-    assert_same_bits(whole, chunked)
+    order = np.random.default_rng(seed).permutation(2000)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(surface, "MAX_CUBES", most)
+        patch.setattr(surface, "_PENDING", 50)
+        patch.setattr(surface, "_ROOM_SPACINGS", 3)
+        whole = cubes_of(x, y, z)
+        assert_same_bits(whole, cubes_of(x, y, z, np.split(order, sorted(cuts))))
+    assert len(whole.count) <= most
 
 
-@pytest.mark.parametrize("order", [(0, 1, 2), (2, 0, 1), (1, 2, 0)])
-def test_merging_in_any_order_gives_the_same_bits(order):
-    x, y, z = some_points(3000)
-    whole = filled(HeightHistogram(make_grid()), x, y, z)
-    parts = [filled(HeightHistogram(make_grid()), x[i::3], y[i::3], z[i::3]) for i in range(3)]
-    merged = HeightHistogram(make_grid())
-    for i in order:
-        merged.merge(parts[i])
-    assert_same_bits(whole, merged)
+def test_merging_cubes_changes_no_sum():
+    cubes = cubes_of(*some_points())
+    for times in (4, 6, 9):
+        merged = cubes.merged(times)
+        assert merged.cell == cubes.cell * 2**times
+        assert merged.count.sum() == 5000
+        assert len(merged.count) < len(cubes.count)
+        assert heights(merged).sum() == pytest.approx(heights(cubes).sum(), abs=1e-6)
+        assert (merged.inside < merged.count * merged.height).all()
+    assert_same_bits(cubes.merged(2).merged(3), cubes.merged(5))
 
 
-def test_settling_early_changes_nothing(monkeypatch):
-    x, y, z = some_points(3000)
-    whole = filled(HeightHistogram(make_grid()), x, y, z)
-    monkeypatch.setattr("quantify_client.volcalc.surface._PENDING", 100)
-    often = HeightHistogram(make_grid())
-    for i in range(30):
-        filled(often, x[i::30], y[i::30], z[i::30])
-        often.voxels()
-    assert_same_bits(whole, often)
+def test_the_height_that_heights_count_from_changes_no_bit():
+    x, y, z = some_points()
+    one = cubes_of(x, y, z)
+    for lowest in (150.0, -400.0, 9000.0):
+        assert_same_bits(one, cubes_of(x, y, z, lowest=lowest))
 
 
-def test_mirrored_heights_give_mirrored_bins_and_sums():
-    x, y, z = some_points(3000)
-    z = z - 160
-    up = filled(HeightHistogram(make_grid()), x, y, z).voxels()
-    down = filled(HeightHistogram(make_grid()), x, y, -z).voxels()
-    order = np.lexsort((-down.bin, down.number))
-    np.testing.assert_array_equal(up.number, down.number[order])
-    np.testing.assert_array_equal(up.bin, -down.bin[order])
-    np.testing.assert_array_equal(up.count, down.count[order])
-    np.testing.assert_array_equal(up.total, -down.total[order])
+def test_the_room_follows_the_density():
+    rng = np.random.default_rng(1)
+    for count, least, most in ((500, 19, 21), (60_000, 9, 11), (1_000_000, 2, 6)):
+        x, y = rng.uniform(-20, 40, (2, count))
+        accumulator = TerrainAccumulator([AREA])
+        accumulator.absorb(accumulator.reduce(x + EAST, y + NORTH, np.full(count, 5.0)))
+        accumulator.ground(0)
+        room = EAST - accumulator.window.min_x
+        assert least < room < most
+
+
+@pytest.mark.parametrize("far", [1e12, -1e12, 1e300, 1e8])
+def test_heights_that_cannot_be_kept_are_counted_not_clipped(far):
+    x, y, z = some_points(100)
+    cubes = cubes_of(x, y, np.where(np.arange(100) < 3, far, z))
+    assert cubes.too_far == 3
+    assert cubes.count.sum() == 97
+    assert heights(cubes).max() < 170
 
 
 def test_nothing_is_nothing():
-    histogram = HeightHistogram(make_grid())
-    histogram.add(np.empty(0, dtype=np.int64), np.empty(0))
-    histogram.merge(HeightHistogram(histogram.grid))
-    assert len(histogram.voxels().number) == 0
-
-
-def test_absurd_heights_are_kept_far_away():
-    histogram = HeightHistogram(make_grid())
-    number, _ = histogram.grid.locate(np.full(2, EAST + 1), np.full(2, NORTH + 1))
-    histogram.add(number, np.array([1e12, -1e12]))
-    voxels = histogram.voxels()
-    assert voxels.count.tolist() == [1, 1]
-    size = voxels.bin_quanta * voxels.quantum
-    assert voxels.bin[0] * size < -100_000
-    assert voxels.bin[1] * size > 100_000
+    nothing = np.empty(0)
+    assert len(cubes_of(nothing, nothing, nothing).count) == 0
