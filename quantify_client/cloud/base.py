@@ -22,7 +22,7 @@ DEFAULT_CHUNK = 1_000_000
 NOISE = "noise class"
 WITHHELD = "withheld"
 OFF_THE_MAP = "coordinate beyond any map"
-NODATA = "nodata"
+NODATA, VOID = "nodata", "nodata beyond any map"
 NO_PLACE = "NaN in all coordinates"
 NOT_FINITE = "NaN or infinite coordinate"
 _NOISE_CLASSES = (7, 18)  # ASPRS: low point (noise) and high noise
@@ -110,7 +110,7 @@ def _off_the_map(
     yield NOT_FINITE, ~np.isfinite(axes).all(axis=0)
     reach = np.abs(axes)
     void = (reach[2] >= _VOID_FROM) & (reach[2] <= _VOID_TO)
-    yield NODATA, void & (reach[:2] <= MAX_COORDINATE).all(axis=0)
+    yield VOID, void & (reach[:2] <= MAX_COORDINATE).all(axis=0)
     yield OFF_THE_MAP, ~(reach <= MAX_COORDINATE).all(axis=0)
 
 

@@ -15,6 +15,7 @@ from ..types import AreaResult, Bounds, FloatArray, Floor, Measurement, Options
 from ..volcalc.body import BodyRecipe, measure_body
 from ..volcalc.solid import SolidRecipe, floor_of, measure_solid
 from ..volcalc.voxels import Thinned, VoxelAccumulator
+from .accounting import FAR
 from .common import (
     bounds_in_frame,
     finish,
@@ -81,7 +82,7 @@ def _by_sections(
     report("finding the body", 0.0)
     result = measure_solid(source.stem, thinned, recipe)
     report("finding the body", 1.0)
-    return result, {**left_out, "far from all others": far}, factor
+    return result, {**left_out, FAR: far}, factor
 
 
 def _thinned(

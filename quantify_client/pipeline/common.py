@@ -13,6 +13,7 @@ from ..sfm.outputs import Source
 from ..streaming import nothing_usable
 from ..types import AreaFailure, AreaResult, Bounds, Measurement, Options, Window
 from ..version import package_version
+from .accounting import losses
 
 __all__ = [
     "Result",
@@ -110,6 +111,7 @@ def measurement_of(
     warnings: Sequence[str],
 ) -> Measurement:
     """Return all results of one call, without its provenance."""
+    counts = [r.points_left_out for r in results if isinstance(r, AreaResult)]
     return Measurement(
         source=source.label,
         crs=frame.crs,
@@ -118,7 +120,7 @@ def measurement_of(
         method=method,
         grid_scale_factor=factor,
         results=tuple(results),
-        warnings=(*cloud_warnings(source, frame, factor), *warnings),
+        warnings=(*cloud_warnings(source, frame, factor), *losses(counts), *warnings),
         provenance={},
         frame=frame,
     )

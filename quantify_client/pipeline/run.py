@@ -13,9 +13,10 @@ from typing import Any, Mapping, Optional, Union
 from ..choices import check_options, choose_shape
 from ..crs import measuring_frame
 from ..sfm.access import Access
-from ..sfm.outputs import open_source
+from ..sfm.outputs import Source, is_address, open_source
 from ..streaming import Progress
 from ..types import Measurement, Options
+from .accounting import every_point, left_out, losses
 from .body import find_floor, measure_object
 from .common import cloud_warnings, provenance
 from .placing import place_cloud
@@ -23,6 +24,9 @@ from .scale_budget import with_scale
 from .terrain import measure_areas
 
 __all__ = ["describe", "measure"]
+
+#: A cloud with so many points is described by its headers and a few of its points.
+_MOST_READ = 10_000_000
 
 
 def measure(
@@ -63,18 +67,23 @@ def measure(
         progress=report,
         options=chosen,
     ) as source:
-        info = source.cloud.info
-        frame = measuring_frame(info.crs, chosen.source_unit, info.bounds)
-        placement = place_cloud(source, frame, chosen) if chosen.gcp is not None else None
-        frame = placement.frame if placement else frame
-        shape = choose_shape(chosen, has_crs=frame.crs is not None, is_odm=source.is_odm)
-        run = measure_areas if shape == "terrain" else measure_object
-        measurement = run(source, frame, chosen, report)
-        if placement is not None:
-            again = partial(run, source, options=chosen, report=report)
-            measurement = with_scale(measurement, placement, chosen, again)
+        measurement = every_point(source, partial(_measured, options=chosen, report=report))
     seconds = time.perf_counter() - clock
     return replace(measurement, provenance=provenance(source, chosen, started, seconds))
+
+
+def _measured(source: Source, options: Options, report: Progress) -> Measurement:
+    info = source.cloud.info
+    frame = measuring_frame(info.crs, options.source_unit, info.bounds)
+    placement = place_cloud(source, frame, options) if options.gcp is not None else None
+    frame = placement.frame if placement else frame
+    shape = choose_shape(options, has_crs=frame.crs is not None, is_odm=source.is_odm)
+    run = measure_areas if shape == "terrain" else measure_object
+    measurement = run(source, frame, options, report)
+    if placement is None:
+        return measurement
+    again = partial(run, source, options=options, report=report)
+    return with_scale(measurement, placement, options, again)
 
 
 def describe(
@@ -87,35 +96,42 @@ def describe(
 ) -> Mapping[str, Any]:
     """Return what a source holds: files, CRS, unit, bounds, points, spacing.
 
-    A source that would be measured as an object is read for the floor that the body stands on.
+    A source that would be measured as an object is read for the floor that the body stands on, one
+    that is small and on this machine for what would be left out.
     """
     report = progress or (lambda stage, share: None)
     given = Options(crs=crs, source_unit=source_unit, vertical_unit=vertical_unit)
     with open_source(
         list(sources), access=access, windowed=True, progress=report, options=check_options(given)
     ) as source:
-        info = source.cloud.info
-        frame = measuring_frame(info.crs, source_unit, info.bounds)
-        bounds = info.bounds and frame.bounds_to_frame(info.bounds)
-        spacing = None
-        if bounds and info.point_count:
-            ground = (bounds.max_x - bounds.min_x) * (bounds.max_y - bounds.min_y)
-            spacing = math.sqrt(ground / info.point_count)
-        shape = choose_shape(Options(), has_crs=frame.crs is not None, is_odm=source.is_odm)
-        floor = find_floor(source, frame, report) if bounds and shape == "object" else None
-        return {
-            "schema": "quantify-client/1",
-            "source": source.label,
-            "files": [dict(item) for item in source.inputs],
-            "format": info.format,
-            "odm": source.is_odm,
-            "crs": frame.crs,
-            "crs_origin": info.crs_origin,
-            "length_unit": frame.length_unit,
-            "points": info.point_count,
-            "bounds": bounds and asdict(bounds),
-            "mean_spacing_m": spacing,
-            "shape": shape,
-            "floor": floor and asdict(floor),
-            "warnings": list(cloud_warnings(source, frame, None)),
-        }
+        return every_point(source, partial(_described, source_unit=source_unit, report=report))
+
+
+def _described(source: Source, source_unit: Optional[str], report: Progress) -> Mapping[str, Any]:
+    info = source.cloud.info
+    frame = measuring_frame(info.crs, source_unit, info.bounds)
+    bounds = info.bounds and frame.bounds_to_frame(info.bounds)
+    spacing = None
+    if bounds and info.point_count:
+        ground = (bounds.max_x - bounds.min_x) * (bounds.max_y - bounds.min_y)
+        spacing = math.sqrt(ground / info.point_count)
+    shape = choose_shape(Options(), has_crs=frame.crs is not None, is_odm=source.is_odm)
+    floor = find_floor(source, frame, report) if bounds and shape == "object" else None
+    count = _MOST_READ if is_address(source.label) else info.point_count or 0
+    lost = losses([left_out(source.cloud)]) if count < _MOST_READ else ()
+    return {
+        "schema": "quantify-client/1",
+        "source": source.label,
+        "files": [dict(item) for item in source.inputs],
+        "format": info.format,
+        "odm": source.is_odm,
+        "crs": frame.crs,
+        "crs_origin": info.crs_origin,
+        "length_unit": frame.length_unit,
+        "points": info.point_count,
+        "bounds": bounds and asdict(bounds),
+        "mean_spacing_m": spacing,
+        "shape": shape,
+        "floor": floor and asdict(floor),
+        "warnings": [*cloud_warnings(source, frame, None), *lost],
+    }

@@ -110,7 +110,7 @@ def test_heights_for_no_data_are_left_out_and_counted(
 def test_heights_beyond_any_map_stand_for_no_data(void: str, tmp_path: Path) -> None:
     path = write_text(tmp_path / "a.xyz", points(100), " ")
     path.write_text(path.read_text() + f"576700 5188140 {void}\n")
-    assert counts(open_cloud([path])) == {"nodata": 1}
+    assert counts(open_cloud([path])) == {"nodata beyond any map": 1}
 
 
 @pytest.mark.parametrize("level", [-9999.0, -32767.0, 0.0, 9999.0])

@@ -1,0 +1,155 @@
+"""The last check: every point that was read is measured, or left out for a reason that is told.
+
+A header's box decides what is streamed where, so points outside of it would be lost. They are
+found as they go by; the cloud is then read again, all of it, in a box that holds them.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import astuple, replace
+from typing import Callable, Iterable, Iterator, List, Mapping, Optional, Tuple, TypeVar
+
+import numpy as np
+
+from ..cloud import DEFAULT_CHUNK, Cloud
+from ..cloud.base import NO_PLACE, NOT_FINITE, OFF_THE_MAP, VOID, box_of
+from ..errors import CloudError
+from ..sfm.outputs import Source
+from ..types import Bounds, Chunk, CloudInfo, FloatArray, Window
+
+__all__ = ["FAR", "every_point", "left_out", "losses"]
+
+FAR = "far from all others"
+
+_UNUSUAL = (NO_PLACE, NOT_FINITE, OFF_THE_MAP, VOID, FAR)
+_READINGS = 4  # a window shows points outside the box only where it is; each reading widens both
+_ULPS = 16  # of a coordinate: what a box and its points may differ by when both are computed
+_ROUNDED = 1e-3  # of a box: where parts are chosen by it, they are chosen with that much room
+
+Result = TypeVar("Result")
+
+
+def every_point(source: Source, work: Callable[[Source], Result]) -> Result:
+    """Return what `work` makes of a source; made again where the source's box is wrong.
+
+    Raises
+    ------
+    CloudError
+        Points lie outside every box that was tried: the file changes while it is read.
+    """
+    for _ in range(_READINGS):
+        try:
+            return work(replace(source, cloud=_Watched(source.cloud)))
+        except _OutOfBoxError as found:
+            source, last = replace(source, cloud=_Whole(source.cloud, found)), found
+    raise CloudError(f"{last}; give the file when nothing writes to it")
+
+
+def left_out(cloud: Cloud) -> Mapping[str, int]:
+    """Read a cloud, and return the counts of points left out by reason."""
+    counts: Counter[str] = Counter()
+    for chunk in cloud.chunks():
+        counts.update(chunk.left_out)
+    return counts
+
+
+def losses(counts: Iterable[Mapping[str, int]]) -> Tuple[str, ...]:
+    """Return a warning of the points that were left out for an unusual reason, if there are any.
+
+    Parameters
+    ----------
+    counts : of each result, by reason. All of them count what the whole cloud left out.
+    """
+    most: Counter[str] = Counter()
+    for one in counts:
+        most |= Counter({reason: one.get(reason, 0) for reason in _UNUSUAL})
+    said = [
+        f"{count} {'point' if count == 1 else 'points'} ({reason})"
+        for reason, count in most.items()
+        if count
+    ]
+    return (f"left out and not measured: {', '.join(said)}",) if said else ()
+
+
+class _OutOfBoxError(CloudError):
+    """Points lie outside the box that their cloud gives."""
+
+    def __init__(self, sources: str, count: int, box: Bounds) -> None:
+        super().__init__(
+            f"{sources}: {count} {'point lies' if count == 1 else 'points lie'} outside the bounds "
+            "that its header gives"
+        )
+        self.box = box
+
+
+class _Watched:
+    """A cloud that raises `_OutOfBoxError` at the end of a reading that met such points."""
+
+    def __init__(self, cloud: Cloud) -> None:
+        self._cloud, self.info = cloud, cloud.info
+
+    def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
+        """Deliver the cloud's chunks."""
+        outside, seen = 0, self.info.bounds
+        for chunk in self._cloud.chunks(window, size):
+            box = box_of(chunk)
+            if box is not None and seen is not None:
+                lost = _outside(chunk, box, self.info.bounds, window is None)
+                outside += lost
+                seen = _around(seen, box) if lost else seen
+            yield chunk
+        if outside and seen is not None:
+            raise _OutOfBoxError(self.info.sources[0], outside, seen)
+
+
+class _Whole:
+    """A cloud in a box that holds its points; whatever the window, all of them are delivered."""
+
+    def __init__(self, cloud: Cloud, found: _OutOfBoxError) -> None:
+        said = f"{found}; all points were read, and the points' own bounds taken"
+        self._cloud = cloud
+        self.info: CloudInfo = replace(
+            cloud.info, bounds=found.box, warnings=(*cloud.info.warnings, said)
+        )
+
+    def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
+        """Deliver all points."""
+        return self._cloud.chunks(None, size)
+
+
+def _outside(chunk: Chunk, box: Bounds, known: Optional[Bounds], exact: bool) -> int:
+    """How many points of a chunk, which lies in `box`, lie outside the box that is known.
+
+    Parameters
+    ----------
+    exact : the box is used as it is; else only to choose what is read.
+    """
+    if known is None:
+        return 0
+    low, high = _corners(known)
+    some: FloatArray = _ULPS * np.spacing(np.maximum(np.abs(low), np.abs(high)))
+    if not exact:
+        some = np.maximum(some, _ROUNDED * np.max(high - low))
+    own_low, own_high = _corners(box)
+    if (own_low >= low - some).all() and (own_high <= high + some).all():
+        return 0
+    out = np.zeros(len(chunk), dtype=bool)
+    for axis, values in enumerate((chunk.x, chunk.y, chunk.z)):
+        out |= (values < low[axis] - some[axis]) | (values > high[axis] + some[axis])
+    return int(out.sum())
+
+
+def _corners(box: Bounds) -> Tuple[FloatArray, FloatArray]:
+    values = astuple(box)
+    return np.array(values[:3]), np.array(values[3:])
+
+
+def _around(one: Bounds, other: Bounds) -> Bounds:
+    low, high = _corners(one)
+    other_low, other_high = _corners(other)
+    corners: List[float] = [
+        *np.minimum(low, other_low).tolist(),
+        *np.maximum(high, other_high).tolist(),
+    ]
+    return Bounds(*corners)
