@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Dict, Iterable, Iterator, Optional, Protocol, Tuple
+from typing import Any, Dict, Iterable, Iterator, Optional, Protocol, Sequence, Tuple
 
 import numpy as np
 import numpy.typing as npt
@@ -47,6 +47,18 @@ class Cloud(Protocol):
         than the header promises.
         """
         ...
+
+
+class Front:
+    """A cloud in front of another one, with the faces that it may have."""
+
+    def __init__(self, cloud: Cloud, info: CloudInfo) -> None:
+        self._cloud, self.info = cloud, info
+
+    def faces(self) -> Any:
+        """As the cloud itself; None where it has none."""
+        faces = getattr(self._cloud, "faces", None)
+        return faces() if faces else None
 
 
 def _noise_table() -> npt.NDArray[np.bool_]:
@@ -245,6 +257,27 @@ def overlap(one: Bounds, other: Bounds) -> bool:
         getattr(one, f"min_{axis}") <= getattr(other, f"max_{axis}")
         and getattr(other, f"min_{axis}") <= getattr(one, f"max_{axis}")
         for axis in "xyz"
+    )
+
+
+def coarse(
+    path: Path, steps: Sequence[float], bounds: Optional[Bounds], count: Optional[int]
+) -> Tuple[str, ...]:
+    """Warn where the steps of x, y and z are larger than the points' mean spacing."""
+    if bounds is None or not count:
+        return ()
+    x, y, z = (abs(step) for step in steps)
+    # Of a grid whose step is its spacing, every point has a place of its own.
+    ground = (bounds.max_x - bounds.min_x + x) * (bounds.max_y - bounds.min_y + y)
+    spacing = (ground / count) ** 0.5
+    large = {axis: step for axis, step in zip("xyz", (x, y, z)) if step > 1.01 * spacing > 0}
+    if not large:
+        return ()
+    axes = ", ".join(f"{axis} in steps of {step:g}" for axis, step in large.items())
+    return (
+        f"{path}: its header has {axes}, and the points' mean spacing is {spacing:.2g}: places and "
+        "heights are rounded to these steps, and points fall onto each other; export it again with "
+        "a finer scale",
     )
 
 

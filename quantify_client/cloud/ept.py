@@ -10,7 +10,17 @@ import numpy.typing as npt
 
 from ..errors import CloudError
 from ..types import Bounds, Chunk, CloudInfo, FloatArray, Window
-from .base import DEFAULT_CHUNK, box_of, gather, mostly_sound, naming, sort_out, survey, touches
+from .base import (
+    DEFAULT_CHUNK,
+    box_of,
+    coarse,
+    gather,
+    mostly_sound,
+    naming,
+    sort_out,
+    survey,
+    touches,
+)
 from .ept_index import AGAIN, EptIndex, Fetch, read_index
 from .las import read_points
 from .las_header import read_layout
@@ -38,6 +48,10 @@ class EptCloud:
                 f"{path}: points lie outside {wrong}; all tiles were read, whatever their place, "
                 "and the points' own bounds taken",
             )
+        with naming(path, AGAIN):
+            steps = {column["name"]: float(column.get("scale", 0)) for column in self._index.schema}
+            axes = [steps.get(axis, 0.0) for axis in "XYZ"]
+        warnings += coarse(path, axes, bounds, self._index.count)
         self.info = CloudInfo(
             sources=(str(path),),
             format="ept",

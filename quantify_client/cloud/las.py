@@ -18,7 +18,7 @@ from laspy import DecompressionSelection
 
 from ..errors import CloudError
 from ..types import Bounds, Chunk, CloudInfo, FloatArray, Window
-from .base import DEFAULT_CHUNK, naming, overlap, sort_out, survey
+from .base import DEFAULT_CHUNK, coarse, naming, overlap, sort_out, survey
 from .las_crs import crs_of
 from .las_header import AGAIN, LasLayout
 from .las_sample import sample
@@ -46,6 +46,7 @@ class LasCloud:
             _, own = survey(self.chunks())
             bounds, said = _instead(path, bounds, own)
             warnings += said
+        warnings += coarse(path, layout.header.scales, bounds, layout.count)
         self.info = CloudInfo(
             sources=(str(path),),
             format=self._format(),

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..types import MAX_COORDINATE, Bounds, Chunk, CloudInfo, FloatArray, IntArray, Window
-from .base import DEFAULT_CHUNK, NODATA, Cloud
+from .base import DEFAULT_CHUNK, NODATA, Cloud, Front
 
 __all__ = ["AT_ORIGIN", "Sifted", "sifted"]
 
@@ -70,13 +70,13 @@ def sifted(cloud: Cloud, whole: bool = True) -> Cloud:
     return census.judged(cloud)
 
 
-class Sifted:
+class Sifted(Front):
     """A cloud without some heights, and without the points at its origin."""
 
     def __init__(
         self, cloud: Cloud, info: CloudInfo, values: Sequence[float], origin: bool
     ) -> None:
-        self._cloud, self.info = cloud, info
+        super().__init__(cloud, info)
         self._values, self._origin = tuple(values), origin
 
     def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:

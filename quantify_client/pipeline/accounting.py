@@ -13,16 +13,18 @@ from typing import Callable, Iterable, Iterator, List, Mapping, Optional, Tuple,
 import numpy as np
 
 from ..cloud import DEFAULT_CHUNK, Cloud
-from ..cloud.base import NO_PLACE, NOT_FINITE, OFF_THE_MAP, VOID, box_of
+from ..cloud.base import NODATA, NOISE, WITHHELD, Front, box_of
+from ..cloud.nodata import AT_ORIGIN
 from ..errors import CloudError
 from ..sfm.outputs import Source
-from ..types import Bounds, Chunk, CloudInfo, FloatArray, Window
+from ..types import Bounds, Chunk, FloatArray, Window
 
 __all__ = ["FAR", "every_point", "left_out", "losses"]
 
 FAR = "far from all others"
 
-_UNUSUAL = (NO_PLACE, NOT_FINITE, OFF_THE_MAP, VOID, FAR)
+# What is left out as a matter of course, and what the cloud's own warnings tell.
+_USUAL = (NOISE, WITHHELD, NODATA, AT_ORIGIN, "stray", "ground")
 _READINGS = 4  # a window shows points outside the box only where it is; each reading widens both
 _ULPS = 16  # of a coordinate: what a box and its points may differ by when both are computed
 _ROUNDED = 1e-3  # of a box: where parts are chosen by it, they are chosen with that much room
@@ -63,7 +65,7 @@ def losses(counts: Iterable[Mapping[str, int]]) -> Tuple[str, ...]:
     """
     most: Counter[str] = Counter()
     for one in counts:
-        most |= Counter({reason: one.get(reason, 0) for reason in _UNUSUAL})
+        most |= Counter({reason: n for reason, n in one.items() if reason not in _USUAL})
     said = [
         f"{count} {'point' if count == 1 else 'points'} ({reason})"
         for reason, count in most.items()
@@ -83,11 +85,11 @@ class _OutOfBoxError(CloudError):
         self.box = box
 
 
-class _Watched:
+class _Watched(Front):
     """A cloud that raises `_OutOfBoxError` at the end of a reading that met such points."""
 
     def __init__(self, cloud: Cloud) -> None:
-        self._cloud, self.info = cloud, cloud.info
+        super().__init__(cloud, cloud.info)
 
     def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
         """Deliver the cloud's chunks."""
@@ -103,15 +105,13 @@ class _Watched:
             raise _OutOfBoxError(self.info.sources[0], outside, seen)
 
 
-class _Whole:
+class _Whole(Front):
     """A cloud in a box that holds its points; whatever the window, all of them are delivered."""
 
     def __init__(self, cloud: Cloud, found: _OutOfBoxError) -> None:
         said = f"{found}; all points were read, and the points' own bounds taken"
-        self._cloud = cloud
-        self.info: CloudInfo = replace(
-            cloud.info, bounds=found.box, warnings=(*cloud.info.warnings, said)
-        )
+        warnings = (*cloud.info.warnings, said)
+        super().__init__(cloud, replace(cloud.info, bounds=found.box, warnings=warnings))
 
     def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
         """Deliver all points."""

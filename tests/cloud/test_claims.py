@@ -197,3 +197,18 @@ def test_tiles_that_are_fetched_are_held_against_their_cubes(tmp_path: Path) -> 
     around = Window(*xyz.min(axis=0)[:2], *xyz.max(axis=0)[:2])
     with pytest.raises(CloudError, match="points of tile 1-.* lie outside its cube"):
         read_all(cloud, around)
+
+
+@pytest.mark.parametrize("ending", [".las", ".laz"])
+def test_a_scale_coarser_than_the_spacing_is_told(ending: str, tmp_path: Path) -> None:
+    xyz = points(40_000)  # a mean spacing of 0.5 m
+    said = open_cloud([write_las(tmp_path / f"a{ending}", xyz, scale=1.0)]).info.warnings
+    assert len(said) == 1
+    assert "x in steps of 1, y in steps of 1, z in steps of 1, and the points' mean" in said[0]
+    assert open_cloud([write_las(tmp_path / f"b{ending}", xyz, scale=0.1)]).info.warnings == ()
+
+
+def test_a_scale_as_coarse_as_a_grid_is_no_fault(tmp_path: Path) -> None:
+    x, y = (axis.ravel() for axis in np.meshgrid(np.arange(100.0), np.arange(100.0)))
+    grid = np.column_stack([x + 576_700, y + 5_188_140, 110 + x / 7])
+    assert open_cloud([write_las(tmp_path / "a.las", grid, scale=1.0)]).info.warnings == ()
