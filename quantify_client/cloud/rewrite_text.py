@@ -15,7 +15,17 @@ from .lines import MAX_LINE, Lines
 from .rewrite_schema import Schema
 from .rewrite_source import Block, Origin, placed_block
 from .rewrite_table import Column, Values, arrange, candidates, misfits
-from .text import _AGAIN, _is_comment, _is_number, _named_columns, _opened, _sniff, _split
+from .text import (
+    _AGAIN,
+    _is_comment,
+    _is_number,
+    _named_columns,
+    _opened,
+    _sniff,
+    _split,
+    as_number,
+    unmarked,
+)
 
 _LINES = 200_000  # rows held as text at a time
 
@@ -106,7 +116,7 @@ class TextSource:
                 source.skip(number)
             while True:
                 with naming(self.path, _AGAIN):
-                    lines = source.take(min(size, _LINES))
+                    lines = unmarked(source.take(min(size, _LINES)))
                 if not lines:
                     return
                 rows = [line for line in lines if not _is_comment(line)]
@@ -147,7 +157,8 @@ class TextSource:
         bad: Set[int] = set()
         for index in range(len(out)):
             try:
-                out[index] = float(fields[index])
+                axis = index in self._axes
+                out[index] = as_number(fields[index]) if axis else float(fields[index])
             except (IndexError, ValueError):
                 bad.add(index)
         if bad & set(self._axes) or len(fields) > len(out):

@@ -28,6 +28,9 @@ _CLASS = ("classification", "class")
 _COMMENTS = ("#", "//")
 _LINES = 200_000  # rows held as text at a time
 _MAX_LEAD = 1000  # comments and blank lines before the first row
+# The words of R, of databases and of C libraries; the older ones of these look like a comment.
+_NO_NUMBER = re.compile(r"na|n/a|null|none|[-+]?nan\(\w*\)", re.IGNORECASE)
+_MARKED = re.compile(r"[-+]?1\.#(?:QNAN|SNAN|IND|INF)\d*", re.IGNORECASE)
 _DECIMAL_COMMA = re.compile(r"^\s*[-+]?\d+,\d+[\s;]+[-+]?\d+,\d+([\s;]|$)")
 
 
@@ -66,7 +69,7 @@ class TextCloud:
                 source.skip(number)
             while True:
                 with naming(self._path, _AGAIN):
-                    lines = source.take(min(size, _LINES))
+                    lines = unmarked(source.take(min(size, _LINES)))
                 if not lines:
                     return
                 table = self._parse(lines, number)
@@ -85,17 +88,29 @@ class TextCloud:
         if not rows:
             return np.empty((0, len(columns)))
         try:
-            table: FloatArray = np.loadtxt(
-                rows,
-                dtype=np.float64,
-                delimiter=self._table.delimiter,
-                usecols=columns,
-                comments="#",
-                ndmin=2,
-            )
+            return self._numbers(rows)
+        except (ValueError, IndexError):
+            pass
+        try:
+            return np.array([self._row(row) for row in rows], dtype=np.float64)
         except (ValueError, IndexError):
             raise self._bad_row(lines, number) from None
+
+    def _numbers(self, rows: List[str]) -> FloatArray:
+        table: FloatArray = np.loadtxt(
+            rows,
+            dtype=np.float64,
+            delimiter=self._table.delimiter,
+            usecols=self._table.columns,
+            comments="#",
+            ndmin=2,
+        )
         return table
+
+    def _row(self, row: str) -> List[float]:
+        """Read one row field by field; slow, and needed where words stand for NaN."""
+        fields = _split(row, self._table.delimiter)
+        return [as_number(fields[column]) for column in self._table.columns]
 
     def _bad_row(self, lines: List[str], number: int) -> CloudError:
         for index, line in enumerate(lines):
@@ -103,7 +118,7 @@ class TextCloud:
                 continue
             fields = _split(line, self._table.delimiter)
             try:
-                [float(fields[column]) for column in self._table.columns]
+                [as_number(fields[column]) for column in self._table.columns]
             except (ValueError, IndexError):
                 hint = "; decimal commas are not read" if _DECIMAL_COMMA.match(line) else ""
                 return CloudError(
@@ -191,6 +206,22 @@ def _named_columns(fields: List[str]) -> Optional[Tuple[int, ...]]:
         found.append(names.index(name))
     classes = next((name for name in _CLASS if name in names), None)
     return (*found, names.index(classes)) if classes else tuple(found)
+
+
+def unmarked(lines: List[str]) -> List[str]:
+    """Return lines with NaN for ``1.#QNAN`` and its like, whose rest would count as a comment."""
+    if not any(".#" in line for line in lines):
+        return lines
+    return [_MARKED.sub("nan", line) for line in lines]
+
+
+def as_number(field: str) -> float:
+    """Return the number in a field; NaN for what programs write in its place.
+
+    >>> as_number("-nan(ind)"), as_number("1.5")
+    (nan, 1.5)
+    """
+    return float("nan" if _NO_NUMBER.fullmatch(field) else field)
 
 
 def _is_number(field: str) -> bool:

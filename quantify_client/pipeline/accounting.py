@@ -93,14 +93,21 @@ class _Watched(Front):
 
     def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
         """Deliver the cloud's chunks."""
-        outside, seen = 0, self.info.bounds
+        outside, read, seen = 0, 0, self.info.bounds
         for chunk in self._cloud.chunks(window, size):
             box = box_of(chunk)
             if box is not None and seen is not None:
                 lost = _outside(chunk, box, self.info.bounds, window is None)
                 outside += lost
                 seen = _around(seen, box) if lost else seen
+            read += len(chunk) + sum(chunk.left_out.values())
             yield chunk
+        promised = self.info.point_count
+        if window is None and promised not in (None, read):
+            raise CloudError(
+                f"{self.info.sources[0]}: {read} points came and {promised} were promised; give "
+                "the file when nothing writes to it"
+            )
         if outside and seen is not None:
             raise _OutOfBoxError(self.info.sources[0], outside, seen)
 

@@ -187,3 +187,25 @@ def test_scaling_leaves_out_rows_without_a_place_and_says_so(kind: str, tmp_path
     assert "601 points have a coordinate that is NaN or infinite: left out" in written.warnings[-1]
     again = read_all(open_cloud([tmp_path / "b.laz"]))
     assert np.allclose(again, xyz[np.isfinite(xyz).all(axis=1)], rtol=0, atol=2e-3)
+
+
+WORDS = ["nan", "NaN", "NA", "null", "-nan(ind)", "1.#QNAN", "-1.#IND00", "N/A"]
+
+
+@pytest.mark.parametrize("word", WORDS)
+def test_words_for_no_number_are_no_numbers(word: str, tmp_path: Path) -> None:
+    path = write_text(tmp_path / "a.csv", points(1000), ",", "x,y,z")
+    path.write_text(path.read_text() + f"576700,5188140,{word}\n{word},{word},{word}\n")
+    cloud = open_cloud([path])
+    assert counts(cloud) == ({SOME: 1, ALL: 1})
+    assert len(read_all(cloud)) == 1000
+    box = Bounds(576_000, 5_188_000, 0, 577_000, 5_189_000, 1000)
+    written = rewrite_cloud([path], tmp_path / "b.laz", lambda *xyz: xyz, box, None)
+    assert written.points == 1000
+
+
+def test_other_words_are_named_with_their_line(tmp_path: Path) -> None:
+    path = write_text(tmp_path / "a.csv", points(1000))
+    path.write_text(path.read_text() + "576700,5188140,NA\n576700,5188140,END\n")
+    with pytest.raises(CloudError, match="line 1002 is '576700,5188140,END'"):
+        open_cloud([path])
