@@ -183,14 +183,17 @@ def _require_all_counted(
     chunks: Chunks, stream: BinaryIO, count: int, chunk_size: int, point: int
 ) -> None:
     """Raise CloudError when the last chunk holds more points than the header leaves for it."""
-    before = chunk_size * (len(chunks.table) - 1)
-    last = count - before
+    lengths = [length for _, length in chunks.table]
+    while lengths and not lengths[-1]:  # a chunk that was begun, and got no point
+        del lengths[-1]
+    last = count - chunk_size * (len(lengths) - 1)
+    if not lengths:
+        return
     if last > 0:
-        length = chunks.table[-1][1]
-        stream.seek(chunks.start + sum(size for _, size in chunks.table[:-1]))
-        more = _holds_more(chunks, stream.read(length), last, point)
-    if last <= 0 or more:
-        raise _uncounted(chunks.path, count)
+        stream.seek(chunks.start + sum(lengths[:-1]))
+        if not _holds_more(chunks, stream.read(lengths[-1]), last, point):
+            return
+    raise _uncounted(chunks.path, count)
 
 
 def _holds_more(chunks: Chunks, data: bytes, points: int, point: int) -> bool:

@@ -14,6 +14,7 @@ from clouds import in_order, points, read_all, write_copc, write_ept, write_las
 
 from quantify_client.cloud import open_cloud
 from quantify_client.cloud.ept import EptCloud
+from quantify_client.cloud.las_header import read_layout
 from quantify_client.errors import CloudError
 from quantify_client.types import Window
 
@@ -48,6 +49,19 @@ def test_a_header_that_counts_too_few_points_is_refused(
     path = write_las(tmp_path / f"a{ending}", points(2000), point_format, version)
     with pytest.raises(CloudError, match=rf"(promises {count} points|for {count} points)"):
         open_cloud([with_count(path, count)])
+
+
+@pytest.mark.parametrize("point_format", [3, 7])
+@pytest.mark.parametrize("count", [1, 50_000, 100_000])
+def test_whole_chunks_are_counted_as_they_are(
+    count: int, point_format: int, tmp_path: Path
+) -> None:
+    version = "1.4" if point_format > 5 else "1.2"
+    path = write_las(tmp_path / "a.laz", points(count), point_format, version)
+    assert read_layout(path).count == count
+    for backend in (laspy.LazBackend.Lazrs, laspy.LazBackend.LazrsParallel):
+        laspy.read(path).write(tmp_path / "b.laz", laz_backend=backend)
+        assert read_layout(tmp_path / "b.laz").count == count
 
 
 @pytest.mark.parametrize("point_format", [3, 7])
