@@ -165,3 +165,15 @@ def test_a_hole_of_nodata_takes_nothing_from_a_pile(void, level, tmp_path):
     told = measure(path, area=circle(), source_unit="m")
     assert only(told).volume_m3 == pytest.approx(CONE, rel=0.002)
     assert only(told).points_left_out.get("nodata", 0) == (45 if abs(level - void) > 10 else 0)
+
+
+@pytest.mark.parametrize("drawn", [False, True])
+def test_points_at_the_origin_take_nothing_and_are_told(drawn, tmp_path):
+    xyz = cone()
+    xyz[::200] = 0.0  # half a percent
+    path = write_text(tmp_path / "a.xyz", xyz, " ")
+    area = circle() if drawn else None
+    told = measure(path, shape="terrain", source_unit="m", area=area)
+    assert only(told).volume_m3 == pytest.approx(CONE, rel=0.01)
+    assert only(told).points_left_out["at the origin (0, 0, 0)"] == 50
+    assert any("50 points lie at the origin" in text for text in told.warnings)

@@ -90,7 +90,7 @@ def sample_lies_within(layout: LasLayout, bounds: Bounds) -> bool:
     found when all are read.
     """
     with naming(layout.path, AGAIN):
-        parts = [decode(layout, records) for records in sample(layout)]
+        parts = [decode(layout, records) for records in sample(layout, SELECTION)]
     low = np.array([bounds.min_x, bounds.min_y, bounds.min_z]) - np.abs(layout.header.scales)
     high = np.array([bounds.max_x, bounds.max_y, bounds.max_z]) + np.abs(layout.header.scales)
     return all(

@@ -15,17 +15,19 @@ from .laz_chunks import Chunks
 
 __all__ = ["sample", "spread"]
 
-_ALL = DecompressionSelection.all()
-_PLACES, _POINTS = 32, 50_000
+_PLACES, _POINTS = 32, 20_000
+_WHOLE = 2  # chunks that are decoded to their end: a small file, sorted perhaps
+_LARGEST = 16 << 20  # bytes of its records
 _LONGEST = 8 << 20  # bytes of a chunk that is read for it; 0.5 MB as a rule
 
 
-def sample(layout: LasLayout) -> Iterator[npt.NDArray[np.uint8]]:
-    """Deliver complete records: about 50,000 from 32 places, or from fewer that are longer."""
+def sample(layout: LasLayout, selection: DecompressionSelection) -> Iterator[npt.NDArray[np.uint8]]:
+    """Deliver about 20,000 complete records from 32 places, of a small file more."""
     with layout.path.open("rb") as stream:
-        yield from (
-            _of_chunks(layout, layout.chunks, stream) if layout.chunks else _plain(layout, stream)
-        )
+        if layout.chunks is None:
+            yield from _plain(layout, stream)
+        else:
+            yield from _of_chunks(layout, layout.chunks, stream, selection)
 
 
 def _plain(layout: LasLayout, stream: BinaryIO) -> Iterator[npt.NDArray[np.uint8]]:
@@ -37,16 +39,17 @@ def _plain(layout: LasLayout, stream: BinaryIO) -> Iterator[npt.NDArray[np.uint8
 
 
 def _of_chunks(
-    layout: LasLayout, chunks: Chunks, stream: BinaryIO
+    layout: LasLayout, chunks: Chunks, stream: BinaryIO, selection: DecompressionSelection
 ) -> Iterator[npt.NDArray[np.uint8]]:
     """Decode the start of some chunks: what is further inside would cost all before it."""
     starts = np.cumsum([0, *(points for points, _ in chunks.table)]).tolist()
     places = np.cumsum([chunks.start, *(length for _, length in chunks.table)]).tolist()
-    most = _POINTS // max(min(_PLACES, len(chunks.table)), 1)
-    for index in spread(len(chunks.table)):
+    held = len(chunks.table)
+    most = layout.count if held <= _WHOLE else _POINTS // min(_PLACES, held)
+    for index in spread(held):
         length = chunks.table[index][1]
         points = min(most, chunks.table[index][0], layout.count - starts[index])
-        if points <= 0 or not 0 < length <= _LONGEST:
+        if points <= 0 or not 0 < length <= _LONGEST or points * layout.record_length > _LARGEST:
             continue
         stream.seek(places[index])
         data = stream.read(length)
@@ -54,7 +57,7 @@ def _of_chunks(
         try:
             chunks.check(data[: chunks.head], length)
             lazrs.decompress_points_with_chunk_table(
-                data, chunks.record, records, [(points, length)], _ALL.to_lazrs()
+                data, chunks.record, records, [(points, length)], selection.to_lazrs()
             )
         except (CloudError, lazrs.LazrsError):
             continue  # told when it is read
