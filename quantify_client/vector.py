@@ -105,6 +105,11 @@ def _readable(path: Path, data: bytes) -> Iterator[Path]:
     with private_copy(path, data, beside=beside, most=MAX_BYTES, error=AreaError) as copy:
         if ending == ".gpkg":
             _require_tables(path, copy)
+        if ending == ".shp" and not copy.with_suffix(".shx").is_file():
+            raise AreaError(
+                f"{path.name}: {path.stem}.shx is missing beside it; copy the whole set (.shp, "
+                ".shx, .dbf, .prj), or export the polygons as GeoJSON"
+            )
         yield copy
 
 

@@ -315,5 +315,5 @@ def test_a_shapefile_in_capitals_keeps_what_belongs_to_it(tmp_path, beach):
 def test_what_is_missing_is_named_as_the_user_knows_it(tmp_path, beach):
     path = shapefile(tmp_path / "areas.shp")
     path.with_suffix(".shx").unlink()
-    with pytest.raises(AreaError, match=r"Unable to open areas\.shx"):
+    with pytest.raises(AreaError, match=r"areas\.shp: areas\.shx is missing beside it; copy"):
         read_areas(path, beach, BEACH)

@@ -155,7 +155,7 @@ def _sniff(path: Path, stream: TextIO) -> _Table:
     CloudError
         No rows, columns that are not named x, y and z, or something that is no table at all.
     """
-    comment = ""
+    comments: List[str] = []
     for lead in range(_MAX_LEAD):
         line = stream.readline(MAX_LINE)
         if not line:
@@ -163,12 +163,12 @@ def _sniff(path: Path, stream: TextIO) -> _Table:
         if "\0" in line or len(line) == MAX_LINE:
             raise CloudError(f"{path}: is not text; {_AGAIN}")
         if not _is_comment(line):
-            return _table(path, line, comment, lead)
-        comment = line.strip().lstrip("#/ \t") or comment
+            return _table(path, line, comments, lead)
+        comments.append(line.strip().lstrip("#/ \t"))
     raise CloudError(f"{path}: its first {_MAX_LEAD} lines hold no point; {_AGAIN}")
 
 
-def _table(path: Path, line: str, comment: str, lead: int) -> _Table:
+def _table(path: Path, line: str, comments: List[str], lead: int) -> _Table:
     if _DECIMAL_COMMA.match(line):
         raise CloudError(
             f"{path}: line {lead + 1} is {_shown(line)}, which has decimal commas; {_AGAIN}"
@@ -178,21 +178,47 @@ def _table(path: Path, line: str, comment: str, lead: int) -> _Table:
         delimiter = None  # columns set apart by spaces, with a tab among them
     fields = _split(line, delimiter)
     if all(_is_number(field) for field in fields[:3]):
-        # Some programs (CloudCompare) name the columns in the comment before the first row.
-        named = _named_columns(_split(comment, delimiter)) if comment else None
         if len(fields) < 3:
             raise CloudError(
                 f"{path}: line {lead + 1} has {len(fields)} columns ({_shown(line)}); {_AGAIN}"
             )
-        usable = named is not None and max(named) < len(fields)
-        return _Table(delimiter, named if named and usable else (0, 1, 2), lead)
+        return _Table(delimiter, _commented(path, comments, delimiter, len(fields)), lead)
     columns = _named_columns(fields)
     if columns is None:
-        raise CloudError(
-            f"{path}: line {lead + 1} is {_shown(line)}; expected numbers, or the names of "
-            "columns with x, y and z (or easting, northing and elevation) among them"
-        )
+        raise _unnamed(path, f"line {lead + 1}", line)
     return _Table(delimiter, columns, lead + 1)
+
+
+def _commented(
+    path: Path, comments: List[str], delimiter: Optional[str], width: int
+) -> Tuple[int, ...]:
+    """Find the columns by the comments before the first row, in which some programs name them.
+
+    The last comment is a header as well when it has a word for each of more than three columns;
+    where x, y and z are not among them, the first three columns are something else.
+    """
+    headers = [(line, _words(line.split(":")[-1], delimiter)) for line in comments if line]
+    for _, words in reversed(headers):
+        named = _named_columns(words)
+        if named is not None and max(named) < width:
+            return named
+    for line, words in headers[-1:]:
+        if len(words) == width > 3 and not any(_is_number(word) for word in words):
+            raise _unnamed(path, "the comment before the first row", line)
+    return 0, 1, 2
+
+
+def _words(comment: str, delimiter: Optional[str]) -> List[str]:
+    if delimiter is not None and delimiter in comment:
+        return _split(comment, delimiter)
+    return re.split(r"[\s,;]+", comment.strip())
+
+
+def _unnamed(path: Path, where: str, line: str) -> CloudError:
+    return CloudError(
+        f"{path}: {where} is {_shown(line)}; expected numbers, or the names of "
+        "columns with x, y and z (or easting, northing and elevation) among them"
+    )
 
 
 def _named_columns(fields: List[str]) -> Optional[Tuple[int, ...]]:

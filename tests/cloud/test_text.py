@@ -29,6 +29,9 @@ def _write(path: Path, text: str) -> Path:
         ("# a comment\n\n", "{0} {1} {2}"),
         ("//X,Y,Z,R\n", "{0},{1},{2},9"),
         ("# id x y z\n", "7 {0} {1} {2}"),
+        ("#  POINT_ID, X, Y, Z, ERROR, SEEN[] as (PHOTO)\n# Points: 6\n", "7 {0} {1} {2} .5 1 2"),
+        ("# columns: x y z r g\n", "{0} {1} {2} 3 4"),
+        ("# written by a program\n", "{0} {1} {2} 3 4"),
         ("X,Y,Z\n", "{0},{1},{2}"),
         ('"X","Y","Z","Red"\n', "{0},{1},{2},3"),
         ("id;Northing;Easting;Elevation (m)\n", "a;{1};{0};{2}"),
@@ -51,6 +54,18 @@ def test_comments_and_blank_lines_between_rows_are_skipped(tmp_path: Path) -> No
         path = tmp_path / "a.xyz"
         path.write_bytes(text.replace("\n", end).encode())
         assert np.array_equal(read_all(open_cloud([path]), size=2), ROWS)
+
+
+@pytest.mark.parametrize(
+    ("header", "row"),
+    [("# SHOT TIME LONGITUDE LATITUDE", "7 {0} {1} {2}"), ("//id,lat,lon,up", "7,{0},{1},{2}")],
+)
+def test_columns_named_otherwise_in_a_comment_are_no_coordinates(
+    header: str, row: str, tmp_path: Path
+) -> None:
+    text = "\n".join(["# a survey", header, *(row.format(*values) for values in ROWS)])
+    with pytest.raises(CloudError, match="the comment before the first row is"):
+        open_cloud([_write(tmp_path / "a.txt", text)])
 
 
 @pytest.mark.parametrize("bad", ["1,2", "1,2,what", "1,,3", "1;2;3"])
