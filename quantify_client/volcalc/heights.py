@@ -68,8 +68,8 @@ def fit_cells(cubes: Cubes, bounds: Window) -> Cubes:
     """Return the cubes of which `factor` along a side make a cell with enough points.
 
     Cells are made larger until those away from gaps have points in as many places as so many
-    points at random would. A point that is there several times, or a merged copy that lies a hair beside
-    it, fills no more places than once.
+    points at random would. A point that is there several times, or a merged copy that lies a hair
+    beside it, fills no more places than once.
 
     Parameters
     ----------
