@@ -15,13 +15,10 @@ from .surface import Cubes
 __all__ = ["CellHeights", "cell_heights", "fill_gaps", "fit_cells", "support"]
 
 #: Cells hold so many points, on average and at least: about two spacings a side.
-POINTS_PER_CELL = 3.5
+POINTS_PER_CELL = 4.5
 
 #: Cells beyond the area on each side, for rim heights, gradients and noise.
 MARGIN = 24
-
-#: Cells are made of cubes, so many times halved: what tells points from repetitions of them.
-_HALVED = 3
 
 #: A neighbourhood in which strays are told from surface holds at least this many points.
 _BLOCK_POINTS = 64.0
@@ -70,9 +67,9 @@ class CellHeights:
 def fit_cells(cubes: Cubes, bounds: Window) -> Cubes:
     """Return the cubes of which `factor` along a side make a cell with enough points.
 
-    Cells are made larger until those away from gaps have points in as many places as four points
-    at random would. A point that is there several times, or a merged copy that lies a hair beside
-    it, fills no more places than once.
+    Cells are made larger until those away from gaps have points in as many places as so many
+    points at random would. A point that is there several times, or a merged copy that lies a hair
+    beside it, fills no more places than once.
 
     Parameters
     ----------
@@ -82,17 +79,17 @@ def fit_cells(cubes: Cubes, bounds: Window) -> Cubes:
     inside = (cubes.column >= core.first_x) & (cubes.column < core.first_x + core.nx)
     inside &= (cubes.row >= core.first_y) & (cubes.row < core.first_y + core.ny)
     column, row = _distinct(cubes.column[inside], cubes.row[inside])
-    times, merged = 1, 0
-    while 1 << (times + 2) <= max(core.nx, core.ny):
-        if times - merged > _HALVED:
-            merged += 1
+    most, merged = max(core.nx, core.ny) // 4, 0
+    # In cubes: 2, 4, 5, 8, 10, and the latter two again in cubes that are merged.
+    for factor, times in [(2, 0), (4, 0), (5, 0), *((f, t) for t in range(12) for f in (8, 10))]:
+        if times > merged:
+            merged = times
             column, row = _distinct(column >> 1, row >> 1)
-        halved = times - merged
-        if _holds(column >> halved, row >> halved, _places_of(POINTS_PER_CELL, halved)):
+        wanted = _places_of(POINTS_PER_CELL, factor**2)
+        enough = _holds(column // factor, row // factor, wanted)
+        if enough or (factor << times) * 2 > most:
             break
-        times += 1
-    merged = max(times - _HALVED, 0)
-    return replace(cubes.merged(merged), factor=1 << (times - merged))
+    return replace(cubes.merged(merged), factor=factor)
 
 
 def _distinct(column: IntArray, row: IntArray) -> tuple[IntArray, IntArray]:
@@ -107,12 +104,11 @@ def _once(keys: IntArray) -> IntArray:
     keys = np.sort(keys)
     first = np.ones(len(keys), dtype=bool)
     np.not_equal(keys[1:], keys[:-1], out=first[1:])
-    return keys[first]
+    return np.asarray(keys[first])
 
 
-def _places_of(points: float, halved: int) -> float:
+def _places_of(points: float, parts: int) -> float:
     """Return in how many parts of a cell so many points at random are, on average."""
-    parts = 4.0**halved
     return float(parts * (1.0 - (1.0 - 1.0 / parts) ** points))
 
 

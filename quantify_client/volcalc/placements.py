@@ -121,5 +121,8 @@ def _settled(entry: BudgetItem) -> BudgetItem:
 
 def _share(volume: float, first: AreaResult, cut: float, fill: float) -> float:
     """Return a slice's volume, so that those above the base sum to cut and those below to fill."""
-    was, now = (first.cut_m3, cut) if volume > 0 else (first.fill_m3, fill)
+    sides = [(first.cut_m3, cut), (first.fill_m3, fill)]
+    (was, now), (other_was, other_now) = sides if volume > 0 else sides[::-1]
+    # Without slices on the other side these stand for its little as well.
+    now = now if other_was else now - other_now
     return volume * now / was if was else volume
