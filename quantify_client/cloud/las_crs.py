@@ -14,12 +14,14 @@ from ..crs.wkt import statement_of_wkt
 
 _DOUBLES, _TEXTS = 34736, 34737
 _MOST_TEXT = 1 << 16
+_LIBLAS = ("liblas", 2112)
 
 
 def crs_of(header: Any) -> Stated:
     """Find the CRS of a LAS header (and of the extended records attached to it).
 
-    WKT goes before GeoTIFF keys, which add what it does not say.
+    WKT goes before GeoTIFF keys, which add what it does not say; the WKT that libLAS wrote beside
+    its keys comes last, as programs that change the keys leave it as it was.
     """
     records = list(header.vlrs) + list(header.evlrs or ())
     statements: List[Statement] = []
@@ -31,6 +33,10 @@ def crs_of(header: Any) -> Stated:
     keys, texts = _geo_keys(records)
     if keys or texts:
         statements.append(statement_of(keys, texts))
+    for record in records:
+        if (record.user_id, record.record_id) == _LIBLAS:
+            text = bytes(record.record_data).decode("utf-8", "replace").strip("\0 \t\r\n")
+            statements += [statement_of_wkt(text, "libLAS WKT record")] if text else []
     return merge(statements)
 
 

@@ -29,6 +29,8 @@ _HEIGHTS = ("VERT_CS", "VERTCS", "VERTCRS", "VERTICALCRS")
 _UNIT = re.compile(r'(?:LENGTH)?UNIT\s*\[\s*"([^"]{1,80})"\s*,\s*([0-9.eE+-]{1,40})', re.IGNORECASE)
 _EXPECTED = "EPSG:n, WKT or a PROJ string"
 _MOST = 1 << 16  # characters that are looked through
+_DEGREE = 'UNIT["degree",0.0174532925199433'
+_LARGE_ANGLE = 0.1  # radians: larger units are the radian itself, or none of an angle
 
 _DIALECTS = ("WKT1_GDAL", "WKT2_2019")  # the first is read by everyone; it cannot say everything
 
@@ -75,8 +77,9 @@ def statement_of_wkt(text: str, origin: str) -> Statement:
     A compound CRS has an unknown vertical part more often than an unknown plane: the plane is
     used, and of the heights the unit.
     """
+    text, notes = _in_degrees(text, origin)
     if _known(text) is not None:
-        return Statement(origin, text)
+        return Statement(origin, text, warnings=notes)
     plane = next((part for part in _parts(text, _PLANES) if _known(part) is not None), None)
     vertical, unit = None, None
     for part in _parts(text, _HEIGHTS):
@@ -92,7 +95,23 @@ def statement_of_wkt(text: str, origin: str) -> Statement:
         used.append(f"{unit[0] if unit else short(parse(str(vertical)).name)} for heights")
     said = f"only {' and '.join(used)} is used" if used else "it is not used"
     warning = f"{origin}: cannot be understood whole ({text[:60]!r}): {said}"
-    return Statement(origin, plane, None, vertical, unit, (f"{warning} (--crs sets another)",))
+    return Statement(
+        origin, plane, None, vertical, unit, (*notes, f"{warning} (--crs sets another)")
+    )
+
+
+def _in_degrees(text: str, origin: str) -> Tuple[str, Tuple[str, ...]]:
+    """Return WKT 1 with degrees where it gives angles in a unit of length, and what to say of it.
+
+    -123 "metres" of longitude would be radians, and a grid half round the Earth from its site.
+    """
+    for part in _parts(text, ("GEOGCS",)):
+        found, unit = _UNIT.search(part), _unit(part)
+        if found and unit and unit[1] > _LARGE_ANGLE and not unit[0].lower().startswith("rad"):
+            degrees = part[: found.start()] + _DEGREE + part[found.end() :]
+            note = f"{origin}: its angles are in {unit[0]!r}, which is no angle: read as degrees"
+            return text.replace(part, degrees), (f"{note} (--crs sets another)",)
+    return text, ()
 
 
 def _known(text: str) -> Optional[CRS]:

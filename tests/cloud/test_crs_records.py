@@ -61,6 +61,23 @@ def test_geotiff_keys_name_a_code(tmp_path: Path) -> None:
     assert info.warnings == ()
 
 
+def test_wkt_of_liblas_adds_what_the_keys_do_not_say(tmp_path: Path) -> None:
+    """It is told, not believed, where keys contradict it: programs that change them leave it."""
+    wkt = laspy.VLR("liblas", 2112, "", pyproj.CRS("EPSG:2277+6360").to_wkt("WKT1_GDAL").encode())
+    feet = {1024: 1, 3072: 2277}
+    for name, keys in (("alone", None), ("beside", feet), ("against", {1024: 1, 3072: 32615})):
+        records = [wkt] if keys is None else [_geotiff(keys), wkt]
+        info = open_cloud([write_las(tmp_path / f"{name}.las", points(10), vlrs=records)]).info
+        crs = pyproj.CRS(info.crs)
+        told = [text for text in info.warnings if "contradict" in text]
+        if name == "against":
+            assert crs.sub_crs_list[0].to_epsg() == 32615
+            assert "GeoTIFF keys and libLAS WKT record contradict" in told[0]
+        else:
+            assert [axis.unit_name for axis in crs.axis_info] == ["US survey foot"] * 3
+            assert not told
+
+
 def test_height_unit_of_geotiff_keys_is_kept(tmp_path: Path) -> None:
     crs = pyproj.CRS(_info(tmp_path, {1024: 1, 3072: 32615, 4099: 9003}).crs)
     assert [axis.unit_name for axis in crs.axis_info] == ["metre", "metre", "US survey foot"]
