@@ -107,7 +107,7 @@ def _once(keys: IntArray) -> IntArray:
     keys = np.sort(keys)
     first = np.ones(len(keys), dtype=bool)
     np.not_equal(keys[1:], keys[:-1], out=first[1:])
-    return keys[first]
+    return np.asarray(keys[first])
 
 
 def _places_of(points: float, halved: int) -> float:

@@ -74,7 +74,7 @@ def first_of(rows: FloatArray) -> FloatArray:
         order = np.lexsort(rows.T[::-1])
         same = np.all(rows[order[1:]] == rows[order[:-1]], axis=1)
         order = order[np.append(True, ~same)]
-    return rows[order[:MAX_POINTS]]
+    return np.asarray(rows[order[:MAX_POINTS]])
 
 
 @dataclass(frozen=True)
