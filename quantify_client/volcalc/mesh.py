@@ -138,8 +138,8 @@ def _words(
     out = [] if std is not None else [_NO_INTERVAL]
     if std is not None and 1.96 * std >= volume:
         out.append(
-            "--accuracy is as large as the body is thick: its share in the volume's error is only "
-            "roughly in proportion to it"
+            "--accuracy is nearly as large as the body: the interval assumes an error that is "
+            "small beside it, and is only a rough guide"
         )
     if mesh.inverted:
         out.append("all faces of the mesh point inwards; they are taken the other way round")
