@@ -114,6 +114,30 @@ def add_measuring(parser: argparse.ArgumentParser) -> None:
         metavar="triangulate|plane|average|lowest|highest|ELEVATION|compare",
         help="terrain: the surface that volumes are measured from (default triangulate)",
     )
+    _add_body(parser)
+    add(
+        "--gcp", metavar="FILE", help="control: set the cloud's size right by taped distances first"
+    )
+    add("--scale-mode", choices=MODES, default="auto", help="with --gcp: what is set right")
+    add(
+        "--area-frame",
+        choices=("cloud", "control"),
+        default="cloud",
+        help="with --gcp: areas and elevations are those of the delivered cloud and move with it "
+        "(default), or were surveyed like the control",
+    )
+    add("--center-caps", action="store_true", help="polar: end slabs centred on the end points")
+    add("--grid", action="store_true", help="no grid-to-ground correction")
+    add_units(parser)
+    add("--density", type=_density, metavar="T_PER_M3[:SIGMA]", help="adds tonnes")
+    add(
+        "--threads", type=_threads, default=0, metavar="N", help="default: the processor's, up to 4"
+    )
+
+
+def _add_body(parser: argparse.ArgumentParser) -> None:
+    """Add what only an object has."""
+    add = parser.add_argument
     add("--hollow", action="store_true", help="object: what would hold water is void, not solid")
     add(
         "--max-gap",
@@ -133,24 +157,6 @@ def add_measuring(parser: argparse.ArgumentParser) -> None:
         type=_length,
         metavar="LENGTH",
         help="object: standard deviation of the surface of a closed mesh; gives it an interval",
-    )
-    add(
-        "--gcp", metavar="FILE", help="control: set the cloud's size right by taped distances first"
-    )
-    add("--scale-mode", choices=MODES, default="auto", help="with --gcp: what is set right")
-    add(
-        "--area-frame",
-        choices=("cloud", "control"),
-        default="cloud",
-        help="with --gcp: areas and elevations are those of the delivered cloud and move with it "
-        "(default), or were surveyed like the control",
-    )
-    add("--center-caps", action="store_true", help="polar: end slabs centred on the end points")
-    add("--grid", action="store_true", help="no grid-to-ground correction")
-    add_units(parser)
-    add("--density", type=_density, metavar="T_PER_M3[:SIGMA]", help="adds tonnes")
-    add(
-        "--threads", type=_threads, default=0, metavar="N", help="default: the processor's, up to 4"
     )
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import laspy
 import numpy as np
 import pytest
-from clouds import write_ept, write_text
+from clouds import write_copc, write_ept, write_text
 
 from quantify_client import describe, measure
 from quantify_client.cloud import las
@@ -177,3 +177,14 @@ def test_points_at_the_origin_take_nothing_and_are_told(drawn, tmp_path):
     assert only(told).volume_m3 == pytest.approx(CONE, rel=0.01)
     assert only(told).points_left_out["at the origin (0, 0, 0)"] == 50
     assert any("50 points lie at the origin" in text for text in told.warnings)
+
+
+def test_points_outside_the_box_are_told_once_and_as_so_many_at_least(tmp_path, monkeypatch):
+    """Of a window only a part of them is seen."""
+    monkeypatch.setattr(las, "sample_lies_within", lambda layout, bounds: True)
+    path = with_half_box(write_copc(tmp_path / "a.copc.laz", cone()), share=0.6)
+    area = circle(4.0)
+    for place in area["features"][0]["geometry"]["coordinates"][0]:
+        place[0], place[1] = place[0] - 12, place[1] - 12
+    (said,) = (w for w in measure(path, area=area, source_unit="m").warnings if "outside" in w)
+    assert "at least 787 points lie outside the bounds that its header gives" in said

@@ -189,7 +189,7 @@ def test_faces_of_several_files_are_told(tmp_path, document):
 def test_terrain_is_measured_from_points_and_says_so(site, document, tmp_path):
     path = write_ply(tmp_path / "pile.ply", np.load(site / "points.npy"))
     found = document("volume", path, "--crs", "EPSG:32615", "--area", site / "pile.geojson")
-    assert any("not its 1 faces: terrain is measured from points" in w for w in found["warnings"])
+    assert any("not its 1 face: terrain is measured from points" in w for w in found["warnings"])
 
 
 def test_accuracy_of_a_cloud_has_no_effect_and_is_told(site, document):

@@ -137,7 +137,7 @@ def sort_out(
 def _off_the_map(
     x: FloatArray, y: FloatArray, z: FloatArray
 ) -> Iterator[Tuple[str, npt.NDArray[np.bool_]]]:
-    """Reasons to leave points out, and which: the first one that holds counts."""
+    """Yield each reason to leave points out and the points concerned; the first reason counts."""
     axes = np.array([x, y, z])
     yield NO_PLACE, np.isnan(axes).all(axis=0)
     yield NOT_FINITE, ~np.isfinite(axes).all(axis=0)

@@ -1,8 +1,8 @@
-"""Points that stand for none: heights that rasters have for "no data", and places at the origin.
+"""Placeholders among the points: heights that rasters have for "no data", points at the origin.
 
-Whether such a value is a height like others is known when all heights are. A cloud whose box has
-room for one is therefore read once more when it is opened; what is counted are whole numbers, so
-the answer is the same in any order and from any chunks.
+Whether such a value is a height like others is known only when all heights are. A cloud whose box
+has room for one is therefore read once more when it is opened. Only whole numbers are counted, so
+that the answer is the same in any order and from any chunks.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ Those beyond any map (1.70141e38 of Surfer, 3.4028e38 of ESRI and GDAL) need no 
 
 _NEAR = 0.005  # as large as such a value's rounding may be in a file with steps of a centimetre
 _APART = 10.0  # units of height; closer to the others, a value is a height like them
-_FEWEST, _LEAST = 10, 0.001  # points at height 0, and their share, before it can stand for none
+_FEWEST, _LEAST = 10, 0.001  # points at height 0, and their share, for it to be a placeholder
 _OUTSIDE = 0.01  # share of the other heights at each end that may be strays
 
 # Edges of the classes of heights: eight to a doubling, up to the end of any map.
@@ -45,7 +45,7 @@ _EDGES: FloatArray = np.concatenate([-_STEPS[::-1], _STEPS])
 
 
 def sifted(cloud: Cloud, whole: bool = True) -> Cloud:
-    """Return the cloud without points that stand for none, or itself where it has none of them.
+    """Return the cloud without its placeholders, or the cloud itself where it has none.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ class _Census:
 
     @property
     def settled(self) -> bool:
-        """Whether it is certain, whatever comes, that nothing stands for none."""
+        """Whether no point read from now on can make anything a placeholder."""
         heights = all(n > 2 * _OUTSIDE * self._count for n in self._close.values())
         return heights and not (self._origin and self._far_origin)
 
@@ -165,7 +165,7 @@ class _Census:
         return bool(np.maximum(np.maximum(low, -high), 0.0).max() > (high - low).max())
 
     def judged(self, cloud: Cloud) -> Cloud:
-        """Return the cloud without what stands for none."""
+        """Return the cloud without its placeholders, and with warnings that count them."""
         spread = self._spread()
         void: List[float] = []
         said: List[str] = []

@@ -1,4 +1,4 @@
-"""A submit before anything is sent: what can be checked, and what is told of it."""
+"""What can be checked of a submit before anything is sent, and how it is reported."""
 
 from __future__ import annotations
 

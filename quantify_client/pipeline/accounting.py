@@ -40,12 +40,13 @@ def every_point(source: Source, work: Callable[[Source], Result]) -> Result:
     CloudError
         Points lie outside every box that was tried: the file changes while it is read.
     """
+    cloud = first = source.cloud
     for _ in range(_READINGS):
         try:
-            return work(replace(source, cloud=_Watched(source.cloud)))
-        except _OutOfBoxError as found:
-            source, last = replace(source, cloud=_Whole(source.cloud, found)), found
-    raise CloudError(f"{last}; give the file when nothing writes to it")
+            return work(replace(source, cloud=_Watched(cloud, first.info.bounds)))
+        except _OutOfBoxError as error:
+            cloud, found = _Whole(first, error), error
+    raise CloudError(f"{found}; give the file when nothing writes to it")
 
 
 def left_out(cloud: Cloud) -> Mapping[str, int]:
@@ -77,29 +78,34 @@ def losses(counts: Iterable[Mapping[str, int]]) -> Tuple[str, ...]:
 class _OutOfBoxError(CloudError):
     """Points lie outside the box that their cloud gives."""
 
-    def __init__(self, sources: str, count: int, box: Bounds) -> None:
-        super().__init__(
-            f"{sources}: {count} {'point lies' if count == 1 else 'points lie'} outside the bounds "
-            "that its header gives"
-        )
+    def __init__(self, source: str, count: str, box: Bounds) -> None:
+        lie = "point lies" if count == "1" else "points lie"
+        super().__init__(f"{source}: {count} {lie} outside the bounds that its header gives")
         self.box = box
 
 
 class _Watched(Front):
-    """A cloud that raises `_OutOfBoxError` at the end of a reading that met such points."""
+    """A cloud that raises `_OutOfBoxError` at the end of a reading that met such points.
 
-    def __init__(self, cloud: Cloud) -> None:
+    Parameters
+    ----------
+    told : the box in the header, against which they are counted.
+    """
+
+    def __init__(self, cloud: Cloud, told: Optional[Bounds]) -> None:
         super().__init__(cloud, cloud.info)
+        self._told = told
 
     def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
         """Deliver the cloud's chunks."""
-        outside, read, seen = 0, 0, self.info.bounds
+        outside, read, known = 0, 0, self.info.bounds
+        seen = known
         for chunk in self._cloud.chunks(window, size):
             box = box_of(chunk)
             if box is not None and seen is not None:
-                lost = _outside(chunk, box, self.info.bounds, window is None)
-                outside += lost
-                seen = _around(seen, box) if lost else seen
+                outside += _outside(chunk, box, self._told, window is None)
+                if _outside(chunk, box, known, window is None):
+                    seen = _around(seen, box)
             read += len(chunk) + sum(chunk.left_out.values())
             yield chunk
         promised = self.info.point_count
@@ -108,8 +114,9 @@ class _Watched(Front):
                 f"{self.info.sources[0]}: {read} points came and {promised} were promised; give "
                 "the file when nothing writes to it"
             )
-        if outside and seen is not None:
-            raise _OutOfBoxError(self.info.sources[0], outside, seen)
+        if seen is not None and seen != known:
+            count = f"{outside}" if window is None else f"at least {outside}"
+            raise _OutOfBoxError(self.info.sources[0], count, seen)
 
 
 class _Whole(Front):

@@ -8,7 +8,7 @@ from typing import Mapping, Optional, Tuple
 import numpy as np
 
 from ..crs import Frame
-from ..errors import CloudError, InputError, QuantifyError
+from ..errors import InputError, QuantifyError
 from ..sfm.outputs import Source
 from ..streaming import Progress, gather, stream, thread_count
 from ..types import AreaResult, Bounds, FloatArray, Floor, Measurement, Options
@@ -21,6 +21,7 @@ from .common import (
     finish,
     ground_factor,
     measurement_of,
+    none_within_bounds,
     placed_level,
     window_of,
 )
@@ -125,10 +126,7 @@ def _core(thinned: Thinned, grain: float) -> Tuple[FloatArray, FloatArray]:
     grain : edge of the cubes that the points were put into, metres.
     """
     if not len(thinned.points):
-        raise CloudError(
-            "no point of the cloud lies within the bounds that its header gives; expected all of "
-            "them there: export it again"
-        )
+        raise none_within_bounds()
     corners = []
     for axis in range(3):
         order = np.argsort(thinned.points[:, axis], kind="stable")

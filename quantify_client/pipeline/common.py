@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union
 
 from ..crs import Frame, PlacedFrame, doubts, grid_scale_factor
+from ..errors import CloudError
 from ..sfm.outputs import Source
 from ..streaming import nothing_usable
 from ..types import AreaFailure, AreaResult, Bounds, CloudInfo, Measurement, Options, Window
@@ -23,6 +24,7 @@ __all__ = [
     "finish",
     "ground_factor",
     "measurement_of",
+    "none_within_bounds",
     "only_vertices",
     "placed_level",
     "provenance",
@@ -38,6 +40,14 @@ def bounds_in_frame(source: Source, frame: Frame) -> Bounds:
     if bounds is None:
         raise nothing_usable()
     return frame.bounds_to_frame(bounds)
+
+
+def none_within_bounds() -> CloudError:
+    """Return the error for a cloud of which no point is where its header says."""
+    return CloudError(
+        "no point of the cloud lies within the bounds that its header gives; expected all of them "
+        "there: export it again"
+    )
 
 
 def window_of(bounds: Bounds) -> Window:
@@ -108,9 +118,10 @@ def only_vertices(source: Source, reason: str) -> Tuple[str, ...]:
     info = source.cloud.info
     if not info.faces:
         return ()
+    faces = "1 face" if info.faces == 1 else f"{info.faces:,} faces"
     return (
         f"only the {info.point_count:,} vertices of the mesh count, as points of a cloud, not its "
-        f"{info.faces:,} faces: {reason}",
+        f"{faces}: {reason}",
     )
 
 

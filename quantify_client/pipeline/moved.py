@@ -1,4 +1,4 @@
-"""What was made for a delivered cloud and does not fit the scaled one: told, and polygons moved."""
+"""Polygons drawn on a delivered cloud, moved with it when it is scaled."""
 
 from __future__ import annotations
 

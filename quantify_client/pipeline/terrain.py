@@ -12,7 +12,7 @@ from shapely import affinity
 
 from ..areas import Area, AreaSet, far_corner
 from ..crs import Frame
-from ..errors import CloudError, QuantifyError
+from ..errors import QuantifyError
 from ..sfm.outputs import Source
 from ..streaming import Progress, accumulate, thread_count
 from ..types import AreaFailure, AreaResult, Bounds, FloatArray, Measurement, Options, Window
@@ -27,6 +27,7 @@ from .common import (
     finish,
     ground_factor,
     measurement_of,
+    none_within_bounds,
     placed_level,
     window_of,
 )
@@ -183,10 +184,7 @@ def _whole(
         )
         cubes, points = accumulator.ground(0)
         if not len(cubes.count):
-            raise CloudError(
-                "no point of the cloud lies within the bounds that its header gives; expected all "
-                "of them there: export it again, or draw an area (--area)"
-            )
+            raise none_within_bounds()
         core = _within(site, core_window(cubes))
         if _extent(core) > least * _extent(site):
             break
@@ -199,7 +197,7 @@ def _whole(
         seen = source.cloud.info.point_count - sum(left_out.values())
     lost = seen - int(cubes.count.sum()) - cubes.too_far
     ground = _Ground(source.stem, outline.polygon, corner, cubes, points, left_out)
-    return ground, [*_strangers(lost), *_outsiders(outline.outside)]
+    return ground, [*_far_away(lost), *_outsiders(outline.outside)]
 
 
 def _within(site: Window, part: Optional[Window]) -> Window:
@@ -215,14 +213,14 @@ def _within(site: Window, part: Optional[Window]) -> Window:
     )
 
 
-def _strangers(lost: int) -> List[str]:
-    """Say how many points of a whole cloud were not measured; an index does not even show them."""
+def _far_away(lost: int) -> List[str]:
+    """Say how many points of a whole cloud were not measured, those an index never showed too."""
     if not lost:
         return []
     points = "1 point lies" if lost == 1 else f"{lost} points lie"
     return [
-        f"{points} far from nearly all others, or outside the bounds in the file's header, and "
-        "were not measured; draw an area (--area) round what is to be measured"
+        f"{points} far from nearly all others and {'was' if lost == 1 else 'were'} not measured; "
+        "draw an area (--area) round what is to be measured"
     ]
 
 

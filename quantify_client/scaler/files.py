@@ -12,7 +12,6 @@ from ..small_files import read_small
 __all__ = ["MAX_BYTES", "read_text", "shown"]
 
 MAX_BYTES = 10_000_000
-_MAX_SHOWN = 60
 
 _EXPECTED = "a control file with points, distances or scale bars"
 

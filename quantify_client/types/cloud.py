@@ -127,9 +127,10 @@ class CloudInfo:
     point_count : number of points the headers promise, or None where only reading tells (text).
     bounds : from the headers, in the cloud's own units, or None where only reading tells.
     crs : WKT, PROJ string or ``EPSG:n``; None when the cloud does not say.
-    faces : how many faces (or strips of them) join the points; a cloud has none.
     crs_origin : where the CRS was found (``"LAS WKT record"``, ``"coords.txt"``, ...), or None.
-    crs_parts : the same for each part of it.
+    warnings : what is worth saying of the files, one line each.
+    crs_parts : where each part of the CRS was found.
+    faces : number of faces, or strips of them, that join the points; 0 for what is no mesh.
     """
 
     sources: Sequence[str]

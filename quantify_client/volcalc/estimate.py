@@ -29,7 +29,8 @@ RESAMPLED = (3, 2)
 _SAME = 0.05
 
 #: Share of the facets that the middle of the skin lacks, and what noise does to the surface by
-#: what it does to that middle. Measured on bodies of known volume, as are the shares below.
+#: what it does to that middle. Calibrated on bodies of known volume, as are the shares below:
+#: benchmarks/random_bodies.py has others of that kind (docs/method.md).
 _FACETS_OF_MIDDLE = 0.75
 _NOISE = 1.05
 

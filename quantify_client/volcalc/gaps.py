@@ -13,7 +13,7 @@ from .surface import Cubes
 
 __all__ = ["beyond_the_edge", "require_fine", "why_unsupported"]
 
-#: Fewer cells than this hide the form of what more than this share of their parts has points of.
+#: Fewer cells than this show no shape, where more than this share of their parts has points.
 _FEW_CELLS = 100
 _CROWDED = 0.9
 
@@ -22,9 +22,9 @@ _OPENING = 3
 
 
 def require_fine(heights: CellHeights, fraction: FloatArray, parts: int) -> None:
-    """Refuse an area most of whose points crowd in a few cells, which hide their form.
+    """Refuse an area most of whose points lie in a few cells, too large to show its shape.
 
-    Points far from each other, not their number, have then made the cells so large.
+    The other points, far from each other, have then made the cells so large.
 
     Parameters
     ----------
@@ -40,9 +40,10 @@ def require_fine(heights: CellHeights, fraction: FloatArray, parts: int) -> None
     if count[full].sum() > 0.5 * total:
         cells = total**2 / squares
         raise SupportError(
-            f"most of the {total:.0f} points of the area crowd in {max(cells, 1):.0f} cells of "
-            f"{heights.window.cell:g} m, which the others, scattered far around, have made so "
-            "large; draw an area (--area) round what is to be measured, or remove those points"
+            f"most of the {total:.0f} points of the area lie in {max(cells, 1):.0f} cells of "
+            f"{heights.window.cell:g} m, too large to show its shape, as the other points are "
+            "scattered far around; draw an area (--area) round what is to be measured, or remove "
+            "the scattered points"
         )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from ..types import AreaResult, BudgetItem, Check, Faces, FloatArray, IntArray, Slice, Solid
 from .mesh_closed import MOST_FACES, Closed, Unfit, closed
 from .sections import Surface
-from .slices import slab_count, slab_edges
+from .slices import AUTO_SLABS, CONVERGENCE, slab_count, slab_edges
 
 __all__ = ["MeshRecipe", "measure_mesh"]
 
@@ -28,12 +28,6 @@ _NO_PART = 1e-9
 
 #: A change of the volume by this share shows in the digits that are printed.
 _SHOWN = 1e-4
-
-#: Slices when nobody says. Their number does not change the volume.
-_AUTO_SLICES = 50
-
-#: Numbers of slices whose plain sum of boxes the report shows, as for other bodies.
-_CONVERGENCE = (5, 10, 20, 50, 100, 200, 500, 1000)
 
 _BLOCK = 200_000  # triangles whose shares are reckoned together
 
@@ -144,8 +138,8 @@ def _words(
     out = [] if std is not None else [_NO_INTERVAL]
     if std is not None and 1.96 * std >= volume:
         out.append(
-            "--accuracy is as large as the body is thick: its share in the volume's error is only "
-            "roughly in proportion to it"
+            "--accuracy is nearly as large as the body: the interval assumes an error that is "
+            "small beside it, and is only a rough guide"
         )
     if mesh.inverted:
         out.append("all faces of the mesh point inwards; they are taken the other way round")
@@ -261,7 +255,7 @@ def _parts(surface: Surface) -> Iterator[Surface]:
 
 def _edges(surface: Surface, recipe: MeshRecipe) -> FloatArray:
     height = surface.highest - surface.lowest
-    count = slab_count(height, recipe.slices, recipe.slice_height, _AUTO_SLICES)
+    count = slab_count(height, recipe.slices, recipe.slice_height, AUTO_SLABS)
     return slab_edges(surface.lowest, surface.highest, count)
 
 
@@ -281,7 +275,7 @@ def _slices(
 def _drawn(points: FloatArray, origin: FloatArray, surface: Surface, edges: FloatArray) -> Solid:
     """Return what the pictures are drawn from."""
     rows = []
-    for count in _CONVERGENCE:
+    for count in CONVERGENCE:
         some = np.linspace(surface.lowest, surface.highest, count + 1)
         middles = 0.5 * (some[1:] + some[:-1])
         areas = sum(float(part.areas(middles).sum()) for part in _parts(surface))

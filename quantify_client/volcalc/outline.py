@@ -125,7 +125,7 @@ def core_window(cubes: Cubes, bounds: Window | None = None) -> Window | None:
 
 
 def _cluster(column: IntArray, row: IntArray, count: IntArray) -> list[tuple[float, float]] | None:
-    """Return the limits of the one place where nearly all points crowd, None without such a one.
+    """Return the limits of the one small place that holds nearly all points; None without one.
 
     Points far from it may be more than a fringe: those at the origin, or noise from the sky.
     """

@@ -10,10 +10,16 @@ import numpy as np
 from ..errors import InputError
 from ..types import FloatArray, IntArray
 
-__all__ = ["MAX_SLABS", "slab_count", "slab_edges", "slab_index"]
+__all__ = ["AUTO_SLABS", "CONVERGENCE", "MAX_SLABS", "slab_count", "slab_edges", "slab_index"]
 
 MAX_SLABS = 1_000_000
 """More slabs than any cloud can fill; a guard against a mistyped number eating all memory."""
+
+AUTO_SLABS = 50
+"""Slabs of a body when nobody says. Their number does not change the volume."""
+
+CONVERGENCE = (5, 10, 20, 50, 100, 200, 500, 1000)
+"""Numbers of slabs whose plain sum of boxes the report shows."""
 
 
 def slab_count(

@@ -14,22 +14,17 @@ from ..types import AreaResult, BudgetItem, Check, FloatArray, Floor, Gap, Slice
 from .enclose import Enclosed, Open, enclose
 from .estimate import RESAMPLED, Estimate, estimate, tells
 from .occupancy import cover, occupancy_volume
-from .slices import slab_edges
+from .slices import AUTO_SLABS, CONVERGENCE, slab_count, slab_edges
 from .solid_words import open_surface, words
 from .standing import Standing, on_lowest_points, stand
 from .voxels import Thinned
 
 __all__ = ["SolidRecipe", "floor_of", "measure_solid"]
 
-#: Slices when nobody says. Their number does not change the volume.
-_AUTO_SLICES = 50
-
-#: Numbers of slices whose plain sum of boxes the report shows.
-_CONVERGENCE = (5, 10, 20, 50, 100, 200, 500, 1000)
-
 _FEWEST = 100  # points that a body is found by again
 
-#: How high an opening's surface may have bulged beyond its lid, as a share of its width.
+#: How high an opening's surface may have bulged beyond its lid, as a share of its width: chosen,
+#: see benchmarks/objects.py (holes of 20 %).
 _BULGE = 0.05
 
 #: A skin that is a larger share of the body is rough with noise.
@@ -256,9 +251,7 @@ def _edges(standing: Standing, body: Enclosed, recipe: SolidRecipe) -> FloatArra
     """(M + 1,) edges of the slices, from the floor or the lowest point to the highest."""
     lowest = 0.0 if standing.pose is not None else body.surface.lowest
     highest = body.surface.highest
-    count = _AUTO_SLICES if recipe.slices == "auto" else int(recipe.slices)
-    if recipe.slice_height is not None:
-        count = max(1, math.ceil((highest - lowest) / recipe.slice_height - 1e-9))
+    count = slab_count(highest - lowest, recipe.slices, recipe.slice_height, AUTO_SLABS)
     return slab_edges(min(lowest, body.surface.lowest), highest, count)
 
 
@@ -285,7 +278,7 @@ def _slices(
 def _convergence(body: Enclosed, hidden: float, scale: float) -> tuple[tuple[int, float], ...]:
     """Return the volume as a plain sum of boxes, by their number."""
     rows = []
-    for count in _CONVERGENCE:
+    for count in CONVERGENCE:
         some = np.linspace(body.surface.lowest, body.surface.highest, count + 1)
         boxes = body.surface.areas(0.5 * (some[1:] + some[:-1])) * np.diff(some)
         rows.append((count, float(boxes.sum()) * scale + hidden))

@@ -90,7 +90,7 @@ class Cubes:
         return replace(self, column=column, row=row, bin=bins, count=count, inside=inside)
 
     def further(self, east: int, north: int) -> Cubes:
-        """Return the same cubes, told to lie so many cubes further: cells then fall anew."""
+        """Return the cubes shifted by whole cubes, so that cells begin at other places."""
         return replace(self, column=self.column + east, row=self.row + north)
 
     def merged(self, times: int) -> Cubes:

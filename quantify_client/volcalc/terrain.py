@@ -11,14 +11,7 @@ from scipy import ndimage
 from shapely.geometry import MultiPolygon, Polygon
 
 from ..errors import SupportError
-from ..types import (
-    AreaResult,
-    BudgetItem,
-    Check,
-    FloatArray,
-    Relief,
-    Window,
-)
+from ..types import AreaResult, BudgetItem, Check, FloatArray, Relief, Window
 from .base import BASES, Base, make_base
 from .cells import cell_fractions, polygons_of
 from .check import tin_check
@@ -36,7 +29,6 @@ __all__ = ["Measured", "Recipe", "measure_terrain"]
 
 #: Below this share of supported cells the area is refused.
 LEAST_SUPPORT = 0.5
-
 
 #: Heights go on beyond the points' outer edge for this share of the area's size, in whole cells.
 _REACH = 0.05
@@ -177,28 +169,34 @@ def _measure(ground: _Ground, base_name: Union[str, float], recipe: Recipe) -> M
     cut = float((a * np.nan_to_num(r))[known & above].sum())
     fill = -float((a * np.nan_to_num(r))[known & ~above].sum())
     result = _result(ground, base, surface, budget, cut, fill, recipe)
-    checks: tuple[Check, ...] = ()
-    if ground.rim is not None:
-        below = float((a * np.nan_to_num(base.z)).sum())
-        checks = tin_check(
-            ground.points,
-            ground.polygon,
-            ground.rim,
-            ground.heights,
-            surface,
-            ground.noise,
-            budget,
-            below,
-            recipe.ground_factor,
-        )
     even = np.allclose(np.diff(edges), edges[1] - edges[0], rtol=1e-6)
     result = replace(
         result,
         slices=tuple(slices),
         slice_height_m=float(edges[1] - edges[0]) if even else None,
-        checks=checks,
+        checks=_checks(ground, base, surface, budget, recipe.ground_factor),
     )
     return Measured(result, _doubts(ground, base, rim, surface.cell, said))
+
+
+def _checks(
+    ground: _Ground, base: Base, surface: Surface, budget: Sequence[BudgetItem], factor: float
+) -> tuple[Check, ...]:
+    """Return the check by a TIN, which needs a rim of its own whatever the base."""
+    if ground.rim is None:
+        return ()
+    below_m3 = float((surface.a * np.nan_to_num(base.z)).sum())
+    return tin_check(
+        ground.points,
+        ground.polygon,
+        ground.rim,
+        ground.heights,
+        surface,
+        ground.noise,
+        budget,
+        below_m3,
+        factor,
+    )
 
 
 def _doubts(

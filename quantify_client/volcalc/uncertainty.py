@@ -22,7 +22,8 @@ from .robust import off_plane
 
 __all__ = ["BASE_MISFIT", "Surface", "error_budget", "onto_measured", "rim_relief"]
 
-#: Share of the rim's own relief, times the area, that a base between rim points is off by.
+#: Share of the rim's own relief, times the area, that a base between rim points is off by: chosen,
+#: see benchmarks/accuracy.py (undulating ground). Constants of the budget: docs/method.md.
 BASE_MISFIT = 0.25
 
 #: Relief below this many times the rim's noise is noise.

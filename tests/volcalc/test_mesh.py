@@ -91,7 +91,7 @@ def test_accuracy_times_surface_is_the_standard_deviation():
     assert result.std_m3 == pytest.approx(sigma * 24.0)
     assert [item.source for item in result.budget] == ["survey"]
     assert not result.warnings
-    assert "as large as the body is thick" in measured(cube(), accuracy=0.1).warnings[0]
+    assert "nearly as large as the body" in measured(cube(), accuracy=0.1).warnings[0]
 
 
 def test_mesh_turned_inside_out_is_told():
