@@ -145,6 +145,8 @@ def read_chunks(
             f"{path}: its header says {point} bytes a point, its LASzip record {item_size}; "
             f"{_AGAIN}"
         )
+    if record[12:16] == bytes(4):  # LASzip's other way to say that chunks vary; COPC of LAStools
+        record = record[:12] + struct.pack("<I", _VARIABLE) + record[16:]
     chunk_size = struct.unpack_from("<I", record, 12)[0]
     table = _table(path, stream, record, offset, count)
     if chunk_size == _VARIABLE:

@@ -150,6 +150,22 @@ def test_classes_count_in_text_too(tmp_path: Path) -> None:
     assert dict(chunk.left_out) == {"noise class": 3}
 
 
+@pytest.mark.parametrize("kind", ["copc", "laz"])
+def test_chunks_of_size_zero_are_of_any_size(kind: str, tmp_path: Path) -> None:
+    """LASzip and what is built on it write 0 for it as well; others write 2**32 - 1."""
+    xyz = points(2000)
+    path = write_copc(tmp_path / "a.laz", xyz)
+    data = path.read_bytes()
+    record = data.index(b"laszip encoded") - 2 + 54
+    data = data[: record + 12] + bytes(4) + data[record + 16 :]
+    if kind == "laz":
+        data = data.replace(b"copc".ljust(16, b"\0"), b"none".ljust(16, b"\0"))
+    path.write_bytes(data)
+    cloud = open_cloud([path])
+    assert cloud.info.format == kind
+    assert np.abs(in_order(read_all(cloud)) - in_order(xyz)).max() < HALF_MM
+
+
 def test_the_same_cloud_can_be_read_twice_at_once(tmp_path: Path) -> None:
     cloud = open_cloud([write_las(tmp_path / "a.laz", points(500))])
     one, two = cloud.chunks(size=100), cloud.chunks(size=100)
