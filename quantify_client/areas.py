@@ -288,7 +288,7 @@ def _outside(polygon: Any, box: Any) -> str:
         return far_corner(polygon, box)
     return (
         f"lies outside the cloud: it covers {_range(polygon.bounds)}, the cloud {_range(box)}; "
-        "draw it on the cloud, or correct its CRS (--crs)"
+        "draw it on the cloud, or correct its CRS, or the cloud's (--crs)"
     )
 
 
@@ -328,8 +328,8 @@ def _swap_hint(polygon: Any, crs: Optional[str], frame: Frame, box: Any) -> str:
     except CrsError:
         return ""
     if crs is not None and is_geographic(crs):
-        return " (it seems to be in lat, lon order: GeoJSON wants lon, lat)"
-    return " (its x and y seem to be swapped)"
+        return "; it seems to be in lat, lon order: GeoJSON wants lon, lat"
+    return "; its x and y seem to be swapped"
 
 
 def _turned(polygon: Any) -> Any:

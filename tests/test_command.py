@@ -6,12 +6,14 @@ import contextlib
 import json
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from commands import UTM, only
 from terrains import EAST
@@ -91,6 +93,20 @@ def test_info_tells_what_is_in_there(site, run):
     assert status == 0
     assert UTM in out
     assert "30000" in out
+    assert re.search("odm +no$", out, re.MULTILINE)
+
+
+def test_info_gives_each_warning_its_own_line(tmp_path, run):
+    path = tmp_path / "ground.xyz"
+    grid = np.stack(np.meshgrid(np.arange(40.0), np.arange(40.0), [0.0]), axis=-1).reshape(-1, 3)
+    grid[-3:, 2] = -9999.0
+    np.savetxt(path, grid)
+    _, out, _ = run("info", path)
+    assert "min_z 0.000" in out  # that all other heights are 0 makes no height of -9999
+    assert re.search("^       warnings  3 points have the height -9999", out, re.MULTILINE)
+    assert re.search("^ {17}the cloud has neither a CRS nor a unit", out, re.MULTILINE)
+    assert re.search("^ +crs  none$", out, re.MULTILINE)
+    assert "-0.000" not in out
 
 
 def test_info_of_an_archive_names_the_archive(project, run):

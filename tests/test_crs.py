@@ -99,7 +99,7 @@ def test_no_crs_and_no_unit_is_unknown_and_said(text):
         (UTM15, "ft", "contradicts"),
         ("EPSG:2263", "ft", "US survey foot"),  # not the international one
         (None, "yd", "--source-unit m, cm, mm, ft or us-ft"),
-        ("EPSG:4326", None, "spans longitudes 576662 to 576768"),
+        ("EPSG:4326", None, "x, 576662 to 576768, are no longitudes"),
         ("EPSG:4979", "ft", "contradicts"),
     ],
 )

@@ -131,7 +131,10 @@ def test_reports_say_what_was_taken_from_where(tmp_path: Path, run: Any) -> None
     assert status == 0
     said = "(GeoTIFF key 3076; not metre, as GeoTIFF key 3072 says)"
     assert f"horizontal unit US survey foot {said}" in " ".join(out.split())
-    assert said in (tmp_path / "o" / "report.html").read_text()
+    page = (tmp_path / "o" / "report.html").read_text()
+    assert said in page
+    provenance = page[page.index("Provenance") :].lower()
+    assert provenance.count(">crs<") == 1
     document = json.loads((tmp_path / "o" / "report.json").read_text())
     assert parts(document["provenance"])["horizontal unit"][1] == "GeoTIFF key 3076"
     status, out, _ = run("info", path)

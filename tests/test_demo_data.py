@@ -12,6 +12,7 @@ from shapely.geometry import shape
 import quantify_client
 
 DEMO = Path(quantify_client.__file__).parent / "demo"
+README = DEMO.parents[1] / "README.md"
 AREAS = json.loads((DEMO / "areas.geojson").read_text())
 PARKED_OR_BUILT = ["round structure", "red car", "white car"]
 
@@ -66,3 +67,16 @@ def test_the_hollow_lies_below_its_rim(cloud):
 def test_the_licence_and_the_origin_of_the_data_travel_with_it():
     assert "Piero Toffanin" in (DEMO / "LICENSE-brighton_beach.txt").read_text()
     assert "OpenDroneMap" in (DEMO / "SOURCE.md").read_text()
+
+
+@pytest.mark.one_python
+@pytest.mark.skipif(not README.is_file(), reason="installed without the README")
+def test_the_readme_has_the_demo_s_numbers(run, monkeypatch, tmp_path):
+    monkeypatch.setenv("COLUMNS", "150")
+    car = [one for one in AREAS["features"] if one["properties"]["name"] == "white car"]
+    area = tmp_path / "car.geojson"
+    area.write_text(json.dumps({**AREAS, "features": car}))
+    _, out, _ = run("volume", DEMO / "brighton_beach.laz", "--area", area, "--density", "1.6:0.1")
+    (printed,) = (line.split() for line in out.splitlines() if line.startswith(" white car "))
+    (quoted,) = (line.split() for line in README.read_text().splitlines() if "white car  " in line)
+    assert quoted == printed

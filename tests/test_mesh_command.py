@@ -158,7 +158,7 @@ def test_open_mesh_is_measured_as_a_cloud_and_told(holed, document, run):
     assert only(found)["volume_m3"] == pytest.approx(BALL.volume, rel=0.02)
     told = next(text for text in found["warnings"] if "vertices of the mesh count" in text)
     assert "only the 4,000 vertices" in told
-    assert "3 edges belong to one face only (one at " in told
+    assert ": it is open: 3 edges belong to one face only (one at " in told
     assert told.endswith("--accuracy has no effect")
     about = json.loads(run("info", holed, "--json")[1])
     assert about["faces"] > 7000
@@ -194,7 +194,8 @@ def test_terrain_is_measured_from_points_and_says_so(site, document, tmp_path):
 
 def test_accuracy_of_a_cloud_has_no_effect_and_is_told(site, document):
     found = document("volume", site / "body.xyz", "--accuracy", 0.1)
-    assert any("the cloud has none: it has no effect" in text for text in found["warnings"])
+    told = [text for text in found["warnings"] if "the cloud has none: it has no effect" in text]
+    assert "without --shape it has the cloud measured as an object" in only({"results": told})
 
 
 @pytest.mark.parametrize(

@@ -289,10 +289,11 @@ def test_a_crs_is_of_no_use_with_a_cloud_without_one(tmp_path, refused):
 
 POLYGONS = {
     "crossing itself": ([BOW], UTM, r"crosses itself near 500020\.00, 5000020\.00; redraw it"),
-    "in the wrong CRS": ([HERE], "EPSG:32616", "lies outside the cloud.*correct its CRS"),
+    "in the wrong CRS": ([HERE], "EPSG:32616", r"outside the cloud.*or the cloud's \(--crs\)$"),
     "far outside": ([placed(box(900, 900, 950, 950))], UTM, "outside the cloud.*draw it on"),
     "x and y swapped": (
-        [Polygon([(y, x) for x, y in HERE.exterior.coords])], UTM, "x and y seem to be swapped"
+        [Polygon([(y, x) for x, y in HERE.exterior.coords])],
+        UTM, r"\(--crs\); its x and y seem to be swapped$",
     ),
     "in the box's empty corner": ([placed(box(30, 0, 39, 9))], UTM, "points support 0%"),
     "without an area": ([placed(Polygon([(1, 1), (9, 9), (5, 5)]))], UTM, "has no area"),

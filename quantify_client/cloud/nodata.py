@@ -199,8 +199,9 @@ class _Census:
 
     def _spread(self) -> Optional[_Spread]:
         total = int(self._classes.sum())
-        if not total:
-            return None
+        if not total:  # where no height is any other, 0 is one
+            zeros = self._exact.get(0.0, 0)
+            return _Spread(0.0, 0.0, zeros) if zeros else None
         share = np.cumsum(self._classes)
         first = int(np.searchsorted(share, _OUTSIDE * total, side="right"))
         last = int(np.searchsorted(share, total - _OUTSIDE * total, side="left"))
@@ -213,7 +214,8 @@ class _Census:
     ) -> Optional[Bounds]:
         heights = [self._low[2], self._high[2]]
         heights += [v for v, count in self._exact.items() if count and v not in void]
-        if known is None or not np.isfinite(heights).all():
+        heights = [height for height in heights if np.isfinite(height)]
+        if known is None or not heights:
             return known
         box = replace(known, min_z=float(min(heights)), max_z=float(max(heights)))
         if not origin:

@@ -143,12 +143,15 @@ def _rows(found: Mapping[str, Any]) -> Iterator[Tuple[str, Any]]:
         elif isinstance(value, dict):
             yield key, ", ".join(f"{k} {_brief(v)}" for k, v in value.items())
         elif isinstance(value, (list, tuple)):
-            yield key, "; ".join(value) or "none"
+            yield from zip((key, *[""] * len(value)), value or ("none",))
         else:
             yield key, value
 
 
 def _brief(value: object) -> str:
+    if value is None or isinstance(value, bool):
+        return {None: "none", True: "yes", False: "no"}[value]
     if isinstance(value, tuple):
         return " ".join(_brief(part) for part in value)
-    return f"{value:.3f}" if isinstance(value, float) else str(value)
+    # + 0.0: a direction of -0.0004 is no "-0.000".
+    return f"{round(value, 3) + 0.0:.3f}" if isinstance(value, float) else str(value)

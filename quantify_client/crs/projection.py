@@ -188,6 +188,11 @@ def utm_zone(horizontal: CRS, own: str, bounds: Bounds) -> CRS:
     """
     degrees = 360 / full_turn(own)
     span = (bounds.max_x - bounds.min_x) * degrees
+    if max(-bounds.min_x, bounds.max_x) * degrees > 2 * 360:
+        raise CrsError(
+            f"the cloud's x, {bounds.min_x:g} to {bounds.max_x:g}, are no longitudes, as its CRS "
+            "has them; correct that (--crs)"
+        )
     if not 0 <= span <= _MAX_LON_SPAN_DEG:
         raise CrsError(
             f"the cloud spans longitudes {bounds.min_x:g} to {bounds.max_x:g}: more than the "

@@ -39,7 +39,10 @@ def measure_faces(
     if not source.cloud.info.faces:
         if options.accuracy is None:
             return ()
-        return ("--accuracy is that of a mesh's faces, and the cloud has none: it has no effect",)
+        return (
+            "--accuracy is that of a mesh's faces, and the cloud has none: it has no effect on "
+            "the interval; without --shape it has the cloud measured as an object: leave it out",
+        )
     if options.method == "polar" or options.center_caps:
         return only_vertices(source, "--method polar takes points")
     lost = "" if options.accuracy is None else "; --accuracy has no effect"

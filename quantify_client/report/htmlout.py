@@ -189,7 +189,8 @@ def provenance_card(provenance: Mapping[str, Any], crs: Optional[str]) -> str:
         for key, value in plain(provenance).items()
         if key != "coordinates"
     ]
-    if crs:
-        rows.append(("crs", f"<code>{text(crs)}</code>"))
-    rows += [(part, text(said)) for part, said in coordinate_rows(provenance)]
+    of_parts = coordinate_rows(provenance)
+    if crs and "CRS" not in dict(of_parts):
+        rows.append(("CRS", f"<code>{text(crs)}</code>"))
+    rows += [(part, text(said)) for part, said in of_parts]
     return f'<footer class="card"><h3>Provenance</h3>{facts(rows)}</footer>\n'

@@ -63,9 +63,9 @@ def rivalry(found: Adjustment) -> Tuple[float, List[str]]:
         return 0.0, []
     large, small = (math.exp(alone[kind][0]) for kind in pair)
     said = (
-        f"the {_NAMES[pair[0]]} alone say {large:.5g}, the {_NAMES[pair[1]]} alone {small:.5g}: "
-        f"one of them is wrong as a whole{_cause(small / large, doubt)}; half of the difference is "
-        "added to the scale's error"
+        f"by the {_NAMES[pair[0]]} alone the scale is {large:.5g}, by the {_NAMES[pair[1]]} alone "
+        f"{small:.5g}: one of them is wrong as a whole{_cause(small / large, doubt)}; half "
+        "of the difference is added to the scale's error"
     )
     return 0.5 * worst, [said]
 

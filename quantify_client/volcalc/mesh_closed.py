@@ -154,13 +154,13 @@ class _Edges:
     def fault(self) -> Optional[Unfit]:
         """Return what leaves the surface open, or turns it over; None where nothing does."""
         open_, uneven = self._count == 1, self._sum != 0
-        for bad, plural in (
-            (open_, "to one face only"),
-            (uneven & (self._count == 2), "to two faces that are oriented differently"),
-            (uneven, "to more than two faces, not as many of either orientation"),
+        for bad, lead, plural in (
+            (open_, "it is open: ", "to one face only"),
+            (uneven & (self._count == 2), "", "to two faces that are oriented differently"),
+            (uneven, "", "to more than two faces, not as many of either orientation"),
         ):
             if bad.any():
-                edges = f"{bad.sum():,} edge{'s belong' if bad.sum() > 1 else ' belongs'}"
+                edges = f"{lead}{bad.sum():,} edge{'s belong' if bad.sum() > 1 else ' belongs'}"
                 return Unfit(f"{edges} {plural}", int(self._face[self._first[np.argmax(bad)]]))
         return None
 

@@ -105,7 +105,7 @@ def test_a_code_that_nobody_knows_opens_no_file(host, beach_task):
 def test_a_cloud_that_does_not_say_is_given_its_crs(host, nowhere):
     assert host.other.get(f"{API}/{nowhere}/").json["has_crs"] is False
     (failure,) = host.other.measured(nowhere)["measurement"]["results"]
-    assert "correct its CRS (\u201cCoordinate system\u201d)" in failure["error"]
+    assert "correct its CRS, or the cloud's (\u201cCoordinate system\u201d)" in failure["error"]
     document = host.other.measured(nowhere, options={"crs": UTM, "vertical_unit": "us-ft"})
     assert document["measurement"]["crs"] == UTM
     said = {p["part"]: p for p in document["measurement"]["provenance"]["coordinates"]}

@@ -25,7 +25,7 @@ def test_tapes_a_percent_too_long_are_told_and_doubted() -> None:
     # half of the difference of 1 %, and the truth within two of it
     assert found.std / found.factor == pytest.approx(0.005, rel=0.1)
     (said,) = [note for note in found.warnings if "as a whole" in note]
-    assert said.startswith("the tapes alone say 1.21")
+    assert said.startswith("by the tapes alone the scale is 1.21")
     assert "the positions alone 1.20" in said
 
 
