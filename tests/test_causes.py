@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from clouds import write_ply
 from shapely.geometry import box
-from terrains import EAST, NORTH, Errors, circle, cone, placed, survey
+from terrains import EAST, MIDDLE, NORTH, Errors, circle, cone, placed, survey
 
 from quantify_client import measure
 from quantify_client.types import AreaFailure
@@ -98,3 +98,14 @@ def test_a_whole_cloud_s_outline_tells_what_it_leaves_outside(tmp_path):
     assert f"{share:.0%} of the points lie outside the outline" in said
     assert_right(result)
     assert "outside the outline" not in only(tmp_path, POINTS)[1]
+
+
+def test_a_few_heights_that_no_terrain_has_are_told(tmp_path):
+    """Nearly those of no data, in a hole; too few for the heights of the whole site to show."""
+    deep = POINTS.copy()
+    away = np.hypot(deep[:, 0] - EAST - MIDDLE, deep[:, 1] - NORTH - MIDDLE)
+    deep[away < 2.0, 2] = -9998.9
+    _, said = only(tmp_path, deep, SITE.area)
+    assert "heights are -9998.9 to" in said
+    assert "no terrain" in said
+    assert "no terrain" not in only(tmp_path, POINTS, SITE.area)[1]

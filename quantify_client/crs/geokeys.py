@@ -90,6 +90,10 @@ def statement_of(keys: Mapping[int, float], texts: Mapping[int, str]) -> Stateme
     """
     unit = _unit_of(keys, _UNIT, _UNIT_SIZE)
     vertical, height_unit, notes = _heights(keys)
+    if unit is None and keys.get(_UNIT, 0):
+        notes.append(
+            f"{ORIGIN}: the unit of x and y, {keys[_UNIT]:.0f}, is not known here and not used"
+        )
     crs = _plane(keys, texts, unit, notes)
     projected = keys.get(_MODEL) != _GEOGRAPHIC_MODEL
     return Statement(

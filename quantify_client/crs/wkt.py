@@ -78,7 +78,10 @@ def statement_of_wkt(text: str, origin: str) -> Statement:
     used, and of the heights the unit.
     """
     text, notes = _in_degrees(text, origin)
-    if _known(text) is not None:
+    whole = _known(text)
+    if whole is not None and whole.is_vertical and not whole.is_compound:
+        return Statement(origin, vertical=text)
+    if whole is not None:
         return Statement(origin, text, warnings=notes)
     plane = next((part for part in _parts(text, _PLANES) if _known(part) is not None), None)
     vertical, unit = None, None

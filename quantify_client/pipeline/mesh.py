@@ -54,7 +54,9 @@ def measure_faces(
         )
     x, y, z, left_out = gather(source.cloud, frame, report)
     if any(left_out.values()):
-        return only_vertices(source, f"{sum(left_out.values())} vertices are left out{lost}")
+        count = sum(left_out.values())
+        said = "1 vertex is" if count == 1 else f"{count} vertices are"
+        return only_vertices(source, f"{said} left out{lost}")
     bounds = bounds_in_frame(source, frame)
     height = 0.5 * (bounds.min_z + bounds.max_z)
     factor = ground_factor(source, frame, window_of(bounds), height, options)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import astuple, dataclass, replace
@@ -100,7 +101,7 @@ def measure_areas(source: Source, frame: Frame, options: Options, report: Progre
     for some in grounds:
         found.update(measuring.all(some))
     results = [found[number] for number in range(len(areas))]
-    warnings = [*drawn.warnings, *said, *measuring.steepness()]
+    warnings = [*drawn.warnings, *said, *(measuring.steepness() or _plunges(results))]
     return measurement_of(source, frame, "terrain", measuring.factor(), results, warnings)
 
 
@@ -112,6 +113,21 @@ def _steepness(relief: float, site: Window) -> List[str]:
     return [
         f"heights span {relief:.4g} m over a site {across:.4g} m across: they may be in cm, mm or "
         "feet (--vertical-unit sets their unit)"
+    ]
+
+
+def _plunges(results: Sequence[Result]) -> List[str]:
+    """Return a warning where a few heights of an area cannot be those of its terrain."""
+    areas = [result for result in results if isinstance(result, AreaResult)]
+    wrong = [a for a in areas if a.max_z_m - a.min_z_m > _STEEPEST * math.sqrt(a.area_m2 or 0.0)]
+    if not wrong:
+        return []
+    worst = max(wrong, key=lambda area: area.max_z_m - area.min_z_m)
+    others = f" ({len(wrong) - 1} more like it)" if wrong[1:] else ""
+    return [
+        f"area {worst.name!r}{others} is {math.sqrt(worst.area_m2 or 0.0):.3g} m across, and its "
+        f"heights are {worst.min_z_m:.6g} to {worst.max_z_m:.6g} m: some are no terrain's, and are "
+        "measured; remove these points from the cloud"
     ]
 
 

@@ -21,6 +21,10 @@ from .voxels import Thinned
 
 __all__ = ["SolidRecipe", "floor_of", "measure_solid"]
 
+#: A surface bulges beyond its points, by little where they show its shape: a body that is larger
+#: than this many boxes round its points was not found.
+_ROOM = 2.0
+
 _FEWEST = 100  # points that a body is found by again
 
 #: How high an opening's surface may have bulged beyond its lid, as a share of its width: chosen,
@@ -89,6 +93,7 @@ def measure_solid(name: str, cloud: Thinned, recipe: SolidRecipe) -> AreaResult:
         BudgetItem("coverage", math.hypot(hidden_std, _closing_std(body))),
     )
     std = math.hypot(*(item.std_m3 for item in budget))
+    _require_room(standing, volume - 1.96 * std)
     checks = _checks(standing, body, hidden)
     edges = _edges(standing, body, recipe)
     scale = found.volume / body.within
@@ -206,6 +211,24 @@ def _hidden(standing: Standing, body: Enclosed) -> tuple[float, float]:
         area * (standing.sure + half * standing.unsure),
         area * standing.unsure / math.sqrt(12.0),
     )
+
+
+def _require_room(standing: Standing, least: float) -> None:
+    """Raise InputError where a body is much larger than the box round its points and its floor.
+
+    Parameters
+    ----------
+    least : lower limit of its volume, m3.
+    """
+    points = standing.points
+    heights = np.concatenate([points[:, 2], standing.lid[:, 2]])  # the lid is wider than the body
+    box = float(np.prod(np.ptp(points[:, :2], axis=0)) * (np.ptp(heights) + standing.sure))
+    if least > _ROOM * box:
+        raise InputError(
+            f"{len(standing.points)} points are too far apart to enclose the body: at least "
+            f"{least:.4g} m3 were found, and the box round them all holds {box:.4g} m3; take more "
+            "points"
+        )
 
 
 def _closing_std(body: Enclosed) -> float:

@@ -22,13 +22,17 @@ MAX_POINTS = 1 << 15
 #: Odd numbers whose bits show no pattern, one for each coordinate and one to mix them.
 _MIX = (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9, 0xD6E8FEB86659FD93)
 
+#: Places that a metre is told apart in. Files that hold the same point with another offset or scale
+#: differ in its last bits.
+_PLACES = 1 << 16
+
 
 def priority(xyz: FloatArray) -> FloatArray:
     """Return a number in 0..1 for each point (N, 3), the same one for the same place.
 
     Which points come first is as good as random, and has nothing to do with their order.
     """
-    bits = np.ascontiguousarray(xyz.T).view(np.uint64)
+    bits = np.rint(xyz.T * _PLACES).astype(np.int64).view(np.uint64)
     mixed = bits[0] * np.uint64(_MIX[0])
     for axis in (1, 2):
         mixed ^= mixed >> np.uint64(32)

@@ -162,3 +162,18 @@ def test_tiles_must_agree_on_their_crs(tmp_path: Path) -> None:
     assert "name no CRS" in info.warnings[-1]
     with pytest.raises(CloudError, match="another CRS"):
         open_cloud([one, other])
+
+
+def test_a_wkt_record_of_heights_alone_leaves_the_plane_to_the_keys(tmp_path: Path) -> None:
+    heights = 'VERT_CS["local",VERT_DATUM["local",2005],UNIT["foot",0.3048],AXIS["Up",UP]]'
+    wkt = laspy.VLR("LASF_Projection", 2112, "", heights.encode())
+    keys = _geotiff({1024: 1, 3072: 32615})
+    path = write_las(tmp_path / "a.laz", points(10), 6, "1.4", vlrs=[wkt, keys])
+    crs = pyproj.CRS(open_cloud([path]).info.crs)
+    assert [axis.unit_name for axis in crs.axis_info] == ["metre", "metre", "foot"]
+
+
+@pytest.mark.parametrize("unit", [9040, 32767])
+def test_a_unit_of_the_plane_that_is_not_known_is_told(tmp_path: Path, unit: int) -> None:
+    info = _info(tmp_path, {1024: 1, 3072: 32615, 3076: unit})
+    assert any(f"unit of x and y, {unit}, is not known" in text for text in info.warnings)

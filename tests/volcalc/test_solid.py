@@ -324,3 +324,11 @@ def test_nothing_advises_what_was_asked_for():
     ):
         assert any(words in line for line in asked.warnings)
         assert not any("--" in line for line in asked.warnings)
+
+
+def test_a_body_larger_than_the_box_round_its_points_is_refused():
+    """The 16 corners of two cubes that cross, 15 m3 in a box of 27 m3; 90 m3 were told."""
+    corners = np.array([[x, y, z] for x in (0, 2) for y in (0, 2) for z in (0, 2)], dtype=float)
+    points = np.concatenate([corners, corners + 1.0])
+    with pytest.raises(InputError, match="holds 27 m3; take more points"):
+        volume_of(points)

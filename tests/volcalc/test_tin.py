@@ -119,3 +119,11 @@ def test_chunks_in_any_order_keep_the_same_points(pieces):
     z = np.round(np.random.default_rng(3).normal(size=80_000), 1)
     whole = sampled(xy, z)
     np.testing.assert_array_equal(whole, sampled(xy, z, pieces, seed=pieces))
+
+
+def test_the_last_bits_of_a_point_do_not_change_its_priority():
+    points = np.random.default_rng(2).integers(0, 100_000, (5000, 3)) * 0.001
+    first = priority(points)
+    assert np.array_equal(first, priority(points + 1e-11))
+    assert len(np.unique(first)) == 5000
+    assert np.histogram(first, 10, (0, 1))[0].min() > 400
