@@ -18,7 +18,7 @@ from quantify_client.volcalc.terrain import Recipe
 
 EAST, NORTH, SIDE = 576000.0, 5188000.0, 36.0
 CENTRE = (EAST + SIDE / 2, NORTH + SIDE / 2)
-POINTS = 20_000
+POINTS = 40_000
 SURVEYS = 60  # tell the RMS to 9 %
 
 Heights = Callable[[np.ndarray, np.ndarray], np.ndarray]

@@ -28,7 +28,7 @@ from .terrain import measure_areas
 __all__ = ["describe", "measure"]
 
 #: A cloud with so many points is described by its headers and a few of its points.
-_MOST_READ = 10_000_000
+_MOST_READ = 1_000_000
 
 
 def measure(

@@ -16,7 +16,7 @@ from .tin import PointSample, first_of, priority
 __all__ = ["TerrainAccumulator"]
 
 #: Cubes of all areas together that one pass may keep; areas beyond it wait for another.
-MAX_TOGETHER = 24 << 20
+MAX_TOGETHER = 8 << 20
 
 #: Points that are placed at a time, and those of a chunk that are, counted once for each area.
 _AT_ONCE = 32_768

@@ -45,7 +45,7 @@ def tin_check(
     heights: CellHeights,
     surface: Surface,
     noise: Noise,
-    budget: Sequence[BudgetItem],
+    budget: Sequence[BudgetItem] | None,
     below_m3: float,
     factor: float,
 ) -> tuple[Check, ...]:
@@ -55,12 +55,16 @@ def tin_check(
     ----------
     points : (K, 3) real points.
     rim : of the outer rings, as it was found.
+    budget : of the volume; None for a check without a margin.
     below_m3 : the base's own integral, m3 above height 0.
     factor : grid length / ground length.
     """
     tin = tin_integral(points, polygon, rim, heights)
     if tin is None:
         return ()
+    volume = tin.volume / factor**2 - below_m3
+    if budget is None:
+        return (Check(METHOD, volume),)
     cells = -onto_measured(surface.a[None], surface)[0]
     unlike = [item.std_m3 for item in budget if item.source in _APART]
     chance = math.hypot(_noise(tin, cells, rim, heights, noise, factor), *unlike)
@@ -68,7 +72,7 @@ def tin_check(
     half = tin_integral(points, polygon, rim, heights, half=True)
     if half is not None:
         margin += _facets(tin, half, rim, heights, noise, factor)
-    return (Check(METHOD, tin.volume / factor**2 - below_m3, margin),)
+    return (Check(METHOD, volume, margin),)
 
 
 def _noise(

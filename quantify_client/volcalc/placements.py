@@ -52,13 +52,13 @@ def measure_area(
     cell = first[0].result.cell_m
     if cell is None or polygon.area > _FEW_CELLS * cell**2:
         return _told([first])
-    others = []
+    others, brief = [], replace(recipe, brief=True)
     for east, north in ((round(x * cubes.factor), round(y * cubes.factor)) for x, y in _PLACES):
         move = np.array([east * cubes.cell, north * cubes.cell, 0.0])
         moved = affinity.translate(polygon, move[0], move[1])
         try:
             others.append(
-                measure_terrain(name, moved, cubes.further(east, north), points + move, recipe)
+                measure_terrain(name, moved, cubes.further(east, north), points + move, brief)
             )
         except SupportError:
             continue  # at the very limit of what is measured at all
@@ -96,19 +96,19 @@ def _mean(results: Sequence[AreaResult]) -> AreaResult:
             replace(piece, volume_m3=_share(piece.volume_m3, first, cut, fill))
             for piece in first.slices
         ),
-        checks=_mean_checks([r.checks for r in results if r.checks]),
+        checks=_mean_checks([r.checks for r in results]) if first.checks else (),
     )
 
 
 def _mean_checks(checks: Sequence[Sequence[Check]]) -> Tuple[Check, ...]:
-    """Return the mean of each check over the placements that have it."""
+    """Return the mean of each check over the placements that have it, with the first's margin."""
     return tuple(
         Check(
             same[0].method,
             float(np.mean([check.volume_m3 for check in same])),
-            float(np.mean([check.margin_m3 for check in same])),
+            same[0].margin_m3,
         )
-        for same in zip(*checks)
+        for same in zip(*filter(None, checks))
     )
 
 

@@ -46,12 +46,14 @@ class Recipe:
     base : a name of `BASES`, ``"compare"``, or an elevation in metres.
     slices, slice_height : see `slab_edges`.
     ground_factor : grid length / ground length at the site.
+    brief : only volumes and the check's, for placements whose mean has the budget of another.
     """
 
     base: Union[str, float] = "triangulate"
     slices: Union[str, int] = "auto"
     slice_height: Optional[float] = None
     ground_factor: float = 1.0
+    brief: bool = False
 
 
 @dataclass(frozen=True)
@@ -159,7 +161,7 @@ def _measure(ground: _Ground, base_name: Union[str, float], recipe: Recipe) -> M
         window.cell / recipe.ground_factor,
         above,
     )
-    budget = error_budget(surface, base, rim, ground.noise)
+    budget = [] if recipe.brief else error_budget(surface, base, rim, ground.noise)
     edges = slab_edges(
         float(r[known].min()), float(r[known].max()), recipe.slices, recipe.slice_height
     )
@@ -174,13 +176,13 @@ def _measure(ground: _Ground, base_name: Union[str, float], recipe: Recipe) -> M
         result,
         slices=tuple(slices),
         slice_height_m=float(edges[1] - edges[0]) if even else None,
-        checks=_checks(ground, base, surface, budget, recipe.ground_factor),
+        checks=_checks(ground, base, surface, budget, recipe),
     )
     return Measured(result, _doubts(ground, base, rim, surface.cell, said))
 
 
 def _checks(
-    ground: _Ground, base: Base, surface: Surface, budget: Sequence[BudgetItem], factor: float
+    ground: _Ground, base: Base, surface: Surface, budget: Sequence[BudgetItem], recipe: Recipe
 ) -> tuple[Check, ...]:
     """Return the check by a TIN, which needs a rim of its own whatever the base."""
     if ground.rim is None:
@@ -193,9 +195,9 @@ def _checks(
         ground.heights,
         surface,
         ground.noise,
-        budget,
+        None if recipe.brief else budget,
         below_m3,
-        factor,
+        recipe.ground_factor,
     )
 
 

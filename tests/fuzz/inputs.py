@@ -15,7 +15,7 @@ import pyproj
 import shapely
 from clouds import write_copc, write_ept, write_las, write_ply, write_text
 from commands import PILE, UTM, features
-from known_task import TERRAIN, control_of, delivered, places
+from known_task import CENTRE, SITE, TERRAIN, control_of, delivered, places
 from pyogrio.raw import write
 from sfm.odm_photos import flight, picks_of
 from terrains import EAST, LEVEL, NORTH, Errors, survey
@@ -218,7 +218,7 @@ def _controls(root: Path) -> List[Case]:
     folder = _folder(root, "control")
     (folder / "control.json").write_text(json.dumps(given))
     (folder / "control.yaml").write_text(_as_yaml(given))
-    (folder / "points.csv").write_text(_as_rows(given))
+    (folder / "points.csv").write_text(_as_rows(given, SITE[2] + (marks - CENTRE)[:, 2]))
     rows = [f"{x:.3f} {y:.3f} {z:.3f} 700 800 I{i}.jpg M{i}" for i, (x, y, z) in enumerate(at)]
     (folder / "gcp_list.txt").write_text("\n".join(["EPSG:32617", *rows]) + "\n")
     write_las(folder / "cloud.las", delivered(_site()), crs="EPSG:32617")
@@ -252,8 +252,11 @@ def _as_yaml(given: Any) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _as_rows(given: Any) -> str:
-    rows = [f"{n},{p['lat']},{p['lon']},12.5,{p['accuracy']}" for n, p in given["points"].items()]
+def _as_rows(given: Any, heights: np.ndarray) -> str:
+    rows = [
+        f"{name},{point['lat']},{point['lon']},{height:.3f},{point['accuracy']}"
+        for (name, point), height in zip(given["points"].items(), heights)
+    ]
     return "\n".join(["name,lat,lon,elevation (m),accuracy", *rows]) + "\n"
 
 
