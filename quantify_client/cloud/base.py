@@ -291,7 +291,7 @@ def coarse(
     """
     if bounds is None or not count:
         return ()
-    x, y, z = (abs(step) for step in steps)
+    x, y, z = steps
     # Of a grid whose step is its spacing, every point has a place of its own.
     ground = (bounds.max_x - bounds.min_x + x) * (bounds.max_y - bounds.min_y + y)
     spacing = (ground / count) ** 0.5

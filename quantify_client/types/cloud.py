@@ -131,6 +131,7 @@ class CloudInfo:
     warnings : what is worth saying of the files, one line each.
     crs_parts : where each part of the CRS was found.
     faces : number of faces, or strips of them, that join the points; 0 for what is no mesh.
+    steps : what x, y and z are rounded to, in the cloud's own units; 0 where that is not known.
     """
 
     sources: Sequence[str]
@@ -142,3 +143,4 @@ class CloudInfo:
     warnings: Sequence[str] = ()
     crs_parts: Tuple[CrsPart, ...] = ()
     faces: int = 0
+    steps: Tuple[float, float, float] = (0.0, 0.0, 0.0)
