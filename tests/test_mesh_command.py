@@ -196,8 +196,13 @@ def test_terrain_is_measured_from_points_and_says_so(site, document, tmp_path):
 
 def test_accuracy_of_a_cloud_has_no_effect_and_is_told(site, document):
     found = document("volume", site / "body.xyz", "--accuracy", 0.1)
-    told = [text for text in found["warnings"] if "the cloud has none: it has no effect" in text]
-    assert "without --shape it has the cloud measured as an object" in only({"results": told})
+    assert sum("the cloud has none: it has no effect" in text for text in found["warnings"]) == 1
+
+
+def test_accuracy_does_not_make_terrain_an_object(site, document):
+    found = document("volume", site / "pile.laz", "--accuracy", 0.1)
+    assert found["shape"] == "terrain"
+    assert sum("--accuracy is that of a closed mesh" in text for text in found["warnings"]) == 1
 
 
 @pytest.mark.parametrize(

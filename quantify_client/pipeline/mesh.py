@@ -40,8 +40,8 @@ def measure_faces(
         if options.accuracy is None:
             return ()
         return (
-            "--accuracy is that of a mesh's faces, and the cloud has none: it has no effect on "
-            "the interval; without --shape it has the cloud measured as an object: leave it out",
+            "--accuracy is that of a mesh's faces, and the cloud has none: it has no effect; leave "
+            "it out",
         )
     if options.method == "polar" or options.center_caps:
         return only_vertices(source, "--method polar takes points")

@@ -95,6 +95,11 @@ def measure_areas(source: Source, frame: Frame, options: Options, report: Progre
         drawn = drawn_areas(source, frame, options, report)
         areas = drawn.areas
         grounds = _grounds(source, frame, areas, box, options, report)
+    if options.accuracy is not None:
+        said.append(
+            "--accuracy is that of a closed mesh, and terrain is measured from points: it has no "
+            "effect; leave it out, or give --shape object"
+        )
     base = placed_level(frame, options, options.base, cloud_window(source, frame))
     measuring = _Measuring(source, frame, replace(options, base=base), report, len(areas))
     found: Dict[int, Result] = {i: a for i, a in enumerate(areas) if isinstance(a, AreaFailure)}
