@@ -132,7 +132,7 @@ def sort_out(
             counts[reason] = int((off & keep).sum())
             keep &= ~off
     left_out = {reason: count for reason, count in counts.items() if count}
-    return Chunk(x[keep], y[keep], z[keep], left_out)
+    return Chunk(x[keep], y[keep], z[keep], left_out, keep)
 
 
 def _off_the_map(
