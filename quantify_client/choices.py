@@ -106,8 +106,8 @@ def _check_control(options: Options) -> None:
 def choose_shape(options: Options, *, has_crs: bool, is_odm: bool) -> str:
     """Return ``"terrain"`` or ``"object"``: what was asked for, or what the source is.
 
-    An option that only one shape knows decides; else an area, a CRS or an ODM output means
-    terrain; else it is an object.
+    An option that only one shape knows decides, unless it is that of a mesh's faces, --accuracy;
+    else an area, a CRS or an ODM output means terrain; else it is an object.
 
     >>> choose_shape(Options(center_caps=True), has_crs=True, is_odm=True)
     'object'
@@ -120,12 +120,12 @@ def choose_shape(options: Options, *, has_crs: bool, is_odm: bool) -> str:
         or options.hollow
         or options.max_gap is not None
         or options.floor != "auto"
-        or options.accuracy is not None
     )
     for_terrain = options.base is not None
     if options.shape not in ("auto", "terrain", "object"):
         raise UsageError(f"--shape is {options.shape}; give auto, terrain or object")
-    if for_object and (for_terrain or options.shape == "terrain"):
+    of_object = for_object or options.accuracy is not None
+    if of_object and (for_terrain or options.shape == "terrain"):
         raise UsageError(
             "--method, --center-caps, --accuracy, --hollow, --max-gap and --floor go with "
             "--shape object, --base with --shape terrain"

@@ -188,3 +188,19 @@ def test_points_outside_the_box_are_told_once_and_as_so_many_at_least(tmp_path, 
         place[0], place[1] = place[0] - 12, place[1] - 12
     (said,) = (w for w in measure(path, area=area, source_unit="m").warnings if "outside" in w)
     assert "at least 787 points lie outside the bounds that its header gives" in said
+
+
+@pytest.mark.parametrize("steps", [1e-6, 0.3, 0.99, 1.5])
+@pytest.mark.parametrize("shape", ["terrain", "object"])
+def test_a_box_that_was_rounded_apart_from_the_points_is_no_wrong_box(shape, steps, seen, tmp_path):
+    path = write(tmp_path / "a.laz", ball(2000) if shape == "object" else cone(2000))
+    sound = only(measure(path, shape=shape, source_unit="m"))
+    data = bytearray(path.read_bytes())
+    box = np.frombuffer(data, "<f8", 6, offset=179) - np.tile([0.0001 * steps, 0.0], 3)
+    data[179:227] = box.tobytes()
+    path.write_bytes(data)
+    told = measure(path, shape=shape, source_unit="m")
+    if shape == "object" or steps < 1.0:  # terrain is read with a thousandth of its box to spare
+        assert any("outside the bounds" in text for text in told.warnings) == (steps > 1.0)
+    assert only(told).volume_m3 == pytest.approx(sound.volume_m3, rel=1e-6)
+    assert only(told).points_used == sound.points_used

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from clouds import write_ply
@@ -9,7 +11,7 @@ from shapely.geometry import box
 from terrains import EAST, MIDDLE, NORTH, Errors, circle, cone, placed, survey
 
 from quantify_client import measure
-from quantify_client.types import AreaFailure
+from quantify_client.types import AreaFailure, AreaResult
 
 pytestmark = pytest.mark.one_python
 
@@ -98,6 +100,21 @@ def test_a_whole_cloud_s_outline_tells_what_it_leaves_outside(tmp_path):
     assert f"{share:.0%} of the points lie outside the outline" in said
     assert_right(result)
     assert "outside the outline" not in only(tmp_path, POINTS)[1]
+
+
+@pytest.mark.parametrize(
+    ("count", "long", "wide", "share"), [(1000, 200, 10, 0.55), (60_000, 40, 40, 0.0)]
+)
+def test_an_outline_that_leaves_many_points_at_its_edge_tells(count, long, wide, share, tmp_path):
+    x, y = np.random.default_rng(3).uniform(0, (long, wide), (count, 2)).T
+    z = 100.0 + np.maximum(0.0, 4.0 * (1.0 - np.hypot(x - 20, y - 5) / 8.0))
+    result, said = only(tmp_path, np.column_stack([x + EAST, y + NORTH, z]))
+    assert isinstance(result, AreaResult)
+    told = re.search(r"(\d+)% of the points lie outside the outline .*edge.*draw an area", said)
+    assert (told is not None) == (share > 0)
+    if told:
+        assert int(told[1]) / 100 == pytest.approx(share, abs=0.03)
+        assert 1.0 - result.area_m2 / (long * wide) == pytest.approx(share, abs=0.03)
 
 
 def test_a_few_heights_that_no_terrain_has_are_told(tmp_path):

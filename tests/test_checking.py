@@ -43,6 +43,12 @@ def test_a_check_outside_the_interval_is_said_however_small_the_difference(off: 
     assert "95 % interval of +-0.098 m3" in line
 
 
+def test_digits_that_no_difference_has_are_not_printed() -> None:
+    (line,) = said(-0.177589577678683, 8.5e-14)
+    assert "gives 99.82241 m3, 0.17759 m3 from" in line
+    assert "+-1.7e-13 m3, and more than the +-0 m3" in line
+
+
 def test_a_check_inside_the_interval_or_off_by_chance_or_rounding_is_not_worth_a_word() -> None:
     assert said(0.09, 0.05) == ()
     assert said(0.11, 0.05, margin=0.12) == ()

@@ -196,8 +196,13 @@ def test_terrain_is_measured_from_points_and_says_so(site, document, tmp_path):
 
 def test_accuracy_of_a_cloud_has_no_effect_and_is_told(site, document):
     found = document("volume", site / "body.xyz", "--accuracy", 0.1)
-    told = [text for text in found["warnings"] if "the cloud has none: it has no effect" in text]
-    assert "without --shape it has the cloud measured as an object" in only({"results": told})
+    assert sum("the cloud has none: it has no effect" in text for text in found["warnings"]) == 1
+
+
+def test_accuracy_does_not_make_terrain_an_object(site, document):
+    found = document("volume", site / "pile.laz", "--accuracy", 0.1)
+    assert found["shape"] == "terrain"
+    assert sum("--accuracy is that of a closed mesh" in text for text in found["warnings"]) == 1
 
 
 @pytest.mark.parametrize(
@@ -222,3 +227,23 @@ def test_face_with_a_corner_that_is_no_point_is_one_line(ring, run):
     status, out, err = run("volume", ring)
     assert (status, out, err.count("\n")) == (1, "", 1)
     assert "has the corner 16777215" in err
+
+
+@pytest.mark.parametrize("place", [(np.nan,) * 3, (0.0, 0.0, 0.0)])
+@pytest.mark.parametrize("before", [0, 7, 2400])
+def test_vertices_without_a_face_that_are_left_out_do_not_matter(place, before, document, tmp_path):
+    points, faces = torus(60, 40)
+    points = np.insert(points + UTM, [0, before], [place, place], axis=0)
+    numbers = np.asarray(faces) + 1 + (np.asarray(faces) >= before)
+    found = document("volume", write_mesh(tmp_path / "a.ply", (points, numbers)))
+    assert found["method"] == "faces"
+    assert only(found)["volume_m3"] == pytest.approx(VOLUME, rel=1e-8)
+    assert sum(only(found)["points_left_out"].values()) == 2
+
+
+def test_a_vertex_of_a_face_that_is_left_out_matters(document, tmp_path):
+    points, faces = torus(60, 40)
+    points[7] = np.nan
+    found = document("volume", write_mesh(tmp_path / "a.ply", (points, faces)))
+    assert found["method"] == "section"
+    assert any("1 vertex is left out" in text for text in found["warnings"])

@@ -147,3 +147,9 @@ def test_control_does_not_silence_the_doubts(tmp_path: Path) -> None:
     assert {part["part"] for part in scaled.provenance["coordinates"]} >= {"CRS", "vertical unit"}
     measured = measure(path, gcp=tmp_path / "control.json", shape="terrain")
     assert any("puts the cloud" in text for text in measured.warnings)
+
+
+def test_points_on_one_vertical_line_are_no_degrees() -> None:
+    assert (
+        measuring_frame(None, None, Bounds(5.0, 5.0, 0.0, 5.0, 5.0, 9.0)).length_unit == "unknown"
+    )

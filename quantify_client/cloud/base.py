@@ -38,6 +38,7 @@ NOT_FINITE = "NaN or infinite coordinate"
 _NOISE_CLASSES = (7, 18)  # ASPRS: low point (noise) and high noise
 _VOID_FROM, _VOID_TO = 1e20, 3.5e38  # what rasters have for no height: 1e20 (CF), 9.97e36 (netCDF),
 # 1.70141e38 (Surfer), 3.4028e38 of either sign (the largest float32: ESRI, GDAL)
+_DEGREES = 360.0  # no longitude or latitude is larger
 _MOST_DAMAGED = 0.01  # of a file: more than that is no stray row, but a file written wrongly
 
 
@@ -131,7 +132,7 @@ def sort_out(
             counts[reason] = int((off & keep).sum())
             keep &= ~off
     left_out = {reason: count for reason, count in counts.items() if count}
-    return Chunk(x[keep], y[keep], z[keep], left_out)
+    return Chunk(x[keep], y[keep], z[keep], left_out, keep)
 
 
 def _off_the_map(
@@ -284,14 +285,20 @@ def overlap(one: Bounds, other: Bounds) -> bool:
 def coarse(
     path: Path, steps: Sequence[float], bounds: Optional[Bounds], count: Optional[int]
 ) -> Tuple[str, ...]:
-    """Warn where the steps of x, y and z are larger than the points' mean spacing."""
+    """Warn where the steps of x, y and z are larger than the points' mean spacing.
+
+    Where x and y may be degrees, the spacing says nothing of z.
+    """
     if bounds is None or not count:
         return ()
-    x, y, z = (abs(step) for step in steps)
+    x, y, z = steps
     # Of a grid whose step is its spacing, every point has a place of its own.
     ground = (bounds.max_x - bounds.min_x + x) * (bounds.max_y - bounds.min_y + y)
     spacing = (ground / count) ** 0.5
-    large = {axis: step for axis, step in zip("xyz", (x, y, z)) if step > 1.01 * spacing > 0}
+    sides = (bounds.min_x, bounds.min_y, bounds.max_x, bounds.max_y)
+    alike = max(abs(side) for side in sides) > _DEGREES
+    steps_of = zip("xyz", (x, y, z) if alike else (x, y))
+    large = {axis: step for axis, step in steps_of if step > 1.01 * spacing > 0}
     if not large:
         return ()
     axes = ", ".join(f"{axis} in steps of {step:g}" for axis, step in large.items())

@@ -50,8 +50,8 @@ class EptCloud:
             )
         with naming(path, AGAIN):
             steps = {column["name"]: float(column.get("scale", 0)) for column in self._index.schema}
-            axes = [steps.get(axis, 0.0) for axis in "XYZ"]
-        warnings += coarse(path, axes, bounds, self._index.count)
+            x, y, z = (abs(steps.get(axis, 0.0)) for axis in "XYZ")
+        warnings += coarse(path, (x, y, z), bounds, self._index.count)
         self.info = CloudInfo(
             sources=(str(path),),
             format="ept",
@@ -61,6 +61,7 @@ class EptCloud:
             crs_origin=self._index.stated.origin,
             warnings=warnings,
             crs_parts=self._index.stated.parts,
+            steps=(x, y, z),
         )
 
     def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:

@@ -46,7 +46,8 @@ class LasCloud:
             _, own = survey(self.chunks())
             bounds, said = _instead(path, bounds, own)
             warnings += said
-        warnings += coarse(path, layout.header.scales, bounds, layout.count)
+        x, y, z = (abs(float(scale)) for scale in layout.header.scales)
+        warnings += coarse(path, (x, y, z), bounds, layout.count)
         self.info = CloudInfo(
             sources=(str(path),),
             format=self._format(),
@@ -56,6 +57,7 @@ class LasCloud:
             crs_origin=found.origin,
             warnings=warnings,
             crs_parts=found.parts,
+            steps=(x, y, z),
         )
 
     def _format(self) -> str:

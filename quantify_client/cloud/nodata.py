@@ -93,7 +93,9 @@ class Sifted(Front):
         if not lost.any():
             return chunk
         left_out = {**chunk.left_out, **{reason: n for reason, n in counts.items() if n}}
-        return Chunk(chunk.x[~lost], chunk.y[~lost], chunk.z[~lost], left_out)
+        kept = np.ones(len(chunk), dtype=bool) if chunk.kept is None else chunk.kept.copy()
+        kept[kept] = ~lost
+        return Chunk(chunk.x[~lost], chunk.y[~lost], chunk.z[~lost], left_out, kept)
 
 
 def _is(z: FloatArray, value: float) -> npt.NDArray[np.bool_]:

@@ -32,6 +32,7 @@ class TiledCloud:
             faces=sum(info.faces for info in infos),
             warnings=tuple(dict.fromkeys(w for info in infos for w in info.warnings)) + warnings,
             crs_parts=named.crs_parts if named else (),
+            steps=_largest([info.steps for info in infos]),
         )
 
     def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
@@ -81,6 +82,11 @@ def _common_crs(
         return first, ()
     note = f"{len(silent)} of {len(infos)} tiles name no CRS (the first: {silent[0]})"
     return first, (f"{note}; they are taken to be in that of the others " "(--crs sets another)",)
+
+
+def _largest(steps: Sequence[Tuple[float, float, float]]) -> Tuple[float, float, float]:
+    x, y, z = (max(axis) for axis in zip(*steps))
+    return x, y, z
 
 
 def _short(crs: Optional[str]) -> str:

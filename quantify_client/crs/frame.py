@@ -204,7 +204,7 @@ def _refuse_degrees(bounds: Optional[Bounds]) -> None:
     on_earth &= max(abs(bounds.min_y), abs(bounds.max_y)) <= 90.0
     middle = ((bounds.min_x + bounds.max_x) / 2, (bounds.min_y + bounds.max_y) / 2)
     far = math.hypot(*middle) > _FAR * across
-    if on_earth and relief > (_FAR_DEGREES if far else _DEGREES) * across:
+    if on_earth and across > 0.0 and relief > (_FAR_DEGREES if far else _DEGREES) * across:
         raise CrsError(
             f"the cloud has no CRS; z spans {relief:.4g} while x and y span {across:.4g}, which "
             "look like longitude and latitude; give their CRS (--crs EPSG:4326, say), or "

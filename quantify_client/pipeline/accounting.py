@@ -1,7 +1,8 @@
 """The last check: every point that was read is measured, or left out for a reason that is told.
 
 A header's box decides what is streamed where, so points outside of it would be lost. They are
-found as they go by; the cloud is then read again, all of it, in a box that holds them.
+found as they go by; the cloud is then read again, all of it, in a box that holds them. That is
+told where they lie farther outside than rounding takes them.
 """
 
 from __future__ import annotations
@@ -76,12 +77,12 @@ def losses(counts: Iterable[Mapping[str, int]]) -> Tuple[str, ...]:
 
 
 class _OutOfBoxError(CloudError):
-    """Points lie outside the box that their cloud gives."""
+    """Points lie outside the box that their cloud gives; by less than a step where `rounded`."""
 
     def __init__(self, source: str, count: str, box: Bounds) -> None:
         lie = "point lies" if count == "1" else "points lie"
         super().__init__(f"{source}: {count} {lie} outside the bounds that its header gives")
-        self.box = box
+        self.box, self.rounded = box, count == "0"
 
 
 class _Watched(Front):
@@ -103,7 +104,7 @@ class _Watched(Front):
         for chunk in self._cloud.chunks(window, size):
             box = box_of(chunk)
             if box is not None and seen is not None:
-                outside += _outside(chunk, box, self._told, window is None)
+                outside += _outside(chunk, box, self._told, window is None, self.info.steps)
                 if _outside(chunk, box, known, window is None):
                     seen = _around(seen, box)
             read += len(chunk) + sum(chunk.left_out.values())
@@ -123,8 +124,9 @@ class _Whole(Front):
     """A cloud in a box that holds its points; whatever the window, all of them are delivered."""
 
     def __init__(self, cloud: Cloud, found: _OutOfBoxError) -> None:
-        said = f"{found}; all points were read, and the points' own bounds taken"
-        warnings = (*cloud.info.warnings, said)
+        warnings = list(cloud.info.warnings)
+        if not found.rounded:
+            warnings.append(f"{found}; all points were read, and the points' own bounds taken")
         super().__init__(cloud, replace(cloud.info, bounds=found.box, warnings=warnings))
 
     def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
@@ -132,17 +134,25 @@ class _Whole(Front):
         return self._cloud.chunks(None, size)
 
 
-def _outside(chunk: Chunk, box: Bounds, known: Optional[Bounds], exact: bool) -> int:
+def _outside(
+    chunk: Chunk,
+    box: Bounds,
+    known: Optional[Bounds],
+    exact: bool,
+    steps: Tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> int:
     """How many points of a chunk, which lies in `box`, lie outside the box that is known.
 
     Parameters
     ----------
     exact : the box is used as it is; else only to choose what is read.
+    steps : of x, y and z, by which a box and points that were rounded apart may differ.
     """
     if known is None:
         return 0
     low, high = _corners(known)
     some: FloatArray = _ULPS * np.spacing(np.maximum(np.abs(low), np.abs(high)))
+    some = some + np.asarray(steps)
     if not exact:
         some = np.maximum(some, _ROUNDED * np.max(high - low))
     own_low, own_high = _corners(box)

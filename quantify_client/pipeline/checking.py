@@ -14,6 +14,9 @@ _INTERVAL = 1.96
 #: Share of cut and fill, or of a body, below which a check differs by rounding only.
 _ROUNDING = 1e-6
 
+#: Digits beyond this share of the difference tell nothing, however small the deviation.
+_FINEST = 1e-3
+
 
 def with_check_words(measurement: Measurement) -> Measurement:
     """Return the measurement with a warning for each check that contradicts its result.
@@ -43,9 +46,10 @@ def _words(result: AreaResult) -> Iterator[str]:
 
 
 def _contradiction(result: AreaResult, std: float, check: Check, off: float) -> str:
-    """Return the words, with the digits that the result is printed with."""
+    """Return the words, with the digits that the result is printed with, or fewer."""
+    fine = max(std, _FINEST * off)
     given, off_by, wide, chance = (
-        _digits(value, std) for value in (check.volume_m3, off, _INTERVAL * std, check.margin_m3)
+        _digits(value, fine) for value in (check.volume_m3, off, _INTERVAL * std, check.margin_m3)
     )
     advice = (
         "look at the sections"
@@ -59,9 +63,8 @@ def _contradiction(result: AreaResult, std: float, check: Check, off: float) -> 
     )
 
 
-def _digits(value: float, std: float) -> str:
-    """Write a number to two significant digits of the standard deviation."""
-    if std <= 0.0:
-        return f"{value:.6g}"
-    decimals = 1 - int(f"{std:.1e}".partition("e")[2])
-    return f"{round(value, decimals):.{max(decimals, 0)}f}"
+def _digits(value: float, fine: float) -> str:
+    """Write a number to two significant digits of what is fine; what is far finer as a power."""
+    decimals = 1 - int(f"{fine:.1e}".partition("e")[2])
+    shown = round(value, decimals)
+    return f"{shown:.{max(decimals, 0)}f}" if shown else f"{value:.2g}"

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Mapping, NamedTuple, Optional, Tuple, Union
 
 import numpy as np
 
-from ..cloud import Mesh
+from ..cloud import Cloud, Mesh
 from ..crs import Frame
 from ..sfm.outputs import Source
 from ..streaming import Progress, gather
-from ..types import AreaResult, Options
+from ..types import AreaResult, Faces, Options
 from ..volcalc.mesh import MeshRecipe, measure_mesh
 from .common import bounds_in_frame, ground_factor, only_vertices, window_of
 
@@ -40,8 +41,8 @@ def measure_faces(
         if options.accuracy is None:
             return ()
         return (
-            "--accuracy is that of a mesh's faces, and the cloud has none: it has no effect on "
-            "the interval; without --shape it has the cloud measured as an object: leave it out",
+            "--accuracy is that of a mesh's faces, and the cloud has none: it has no effect; leave "
+            "it out",
         )
     if options.method == "polar" or options.center_caps:
         return only_vertices(source, "--method polar takes points")
@@ -53,7 +54,8 @@ def measure_faces(
             source, f"they are those of several files; join the meshes, or measure each{lost}"
         )
     x, y, z, left_out = gather(source.cloud, frame, report)
-    if any(left_out.values()):
+    renumbered = _renumbered(source.cloud, faces) if any(left_out.values()) else faces
+    if renumbered is None:
         count = sum(left_out.values())
         said = "1 vertex is" if count == 1 else f"{count} vertices are"
         return only_vertices(source, f"{said} left out{lost}")
@@ -62,11 +64,24 @@ def measure_faces(
     factor = ground_factor(source, frame, window_of(bounds), height, options)
     recipe = MeshRecipe(options.slices, options.slice_height, options.accuracy, factor or 1.0)
     report("judging the mesh", 0.0)
-    found = measure_mesh(source.stem, np.column_stack([x, y, z]), faces, recipe)
+    found = measure_mesh(source.stem, np.column_stack([x, y, z]), renumbered, recipe)
     report("judging the mesh", 1.0)
     if isinstance(found, str):
         return only_vertices(source, found + lost)
     return ByFaces(found, left_out, factor, _without_effect(options))
+
+
+def _renumbered(cloud: Cloud, faces: Faces) -> Optional[Faces]:
+    """Return faces with the numbers of the points that are kept; None where they have others."""
+    kept = np.concatenate(
+        [
+            np.ones(len(chunk), dtype=bool) if chunk.kept is None else chunk.kept
+            for chunk in cloud.chunks()
+        ]
+    )
+    if not kept[faces.corners].all():
+        return None
+    return replace(faces, corners=(np.cumsum(kept) - 1)[faces.corners])
 
 
 def _without_effect(options: Options) -> Tuple[str, ...]:

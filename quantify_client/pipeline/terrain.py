@@ -18,7 +18,7 @@ from ..sfm.outputs import Source
 from ..streaming import Progress, accumulate, thread_count
 from ..types import AreaFailure, AreaResult, Bounds, FloatArray, Measurement, Options, Window
 from ..volcalc.accumulate import TerrainAccumulator
-from ..volcalc.outline import cloud_outline, core_window, height_quantiles
+from ..volcalc.outline import Outline, cloud_outline, core_window, height_quantiles
 from ..volcalc.placements import measure_area
 from ..volcalc.surface import Cubes
 from ..volcalc.terrain import Recipe
@@ -47,8 +47,9 @@ _PASSES = 10
 #: Points per cube that cubes fit for their area seldom hold.
 _CROWDED = 16
 
-#: The share of a whole cloud's points outside its outline that is worth a word.
-_OUTSIDE = 0.005
+#: The share of a whole cloud's points that is worth a word where they lie away from its outline,
+#: and where they lie outside of it at all: its edge cells, left out, hold up to 4 % of a dense one.
+_AWAY, _OUTSIDE = 0.005, 0.05
 
 #: Why points over an area are left out whose heights its cubes have no numbers for.
 _TOO_FAR = "height absurdly far from the site's"
@@ -95,6 +96,11 @@ def measure_areas(source: Source, frame: Frame, options: Options, report: Progre
         drawn = drawn_areas(source, frame, options, report)
         areas = drawn.areas
         grounds = _grounds(source, frame, areas, box, options, report)
+    if options.accuracy is not None:
+        said.append(
+            "--accuracy is that of a closed mesh, and terrain is measured from points: it has no "
+            "effect; leave it out, or give --shape object"
+        )
     base = placed_level(frame, options, options.base, cloud_window(source, frame))
     measuring = _Measuring(source, frame, replace(options, base=base), report, len(areas))
     found: Dict[int, Result] = {i: a for i, a in enumerate(areas) if isinstance(a, AreaFailure)}
@@ -213,7 +219,7 @@ def _whole(
         seen = source.cloud.info.point_count - sum(left_out.values())
     lost = seen - int(cubes.count.sum()) - cubes.too_far
     ground = _Ground(source.stem, outline.polygon, corner, cubes, points, left_out)
-    return ground, [*_far_away(lost), *_outsiders(outline.outside)]
+    return ground, [*_far_away(lost), *_outsiders(outline)]
 
 
 def _within(site: Window, part: Optional[Window]) -> Window:
@@ -240,13 +246,16 @@ def _far_away(lost: int) -> List[str]:
     ]
 
 
-def _outsiders(share: float) -> List[str]:
+def _outsiders(outline: Outline) -> List[str]:
     """Say that much of a whole cloud lies outside of what was measured."""
-    if share < _OUTSIDE:
+    share, where = outline.away, "scattered or on small islands"
+    if outline.outside > max(_OUTSIDE, 2 * share):
+        share, where = outline.outside, "most of them at its edge: points are few or uneven there"
+    elif share < _AWAY:
         return []
     return [
-        f"{share:.0%} of the points lie outside the outline that was measured, scattered or on "
-        "small islands; draw an area (--area) round what is to be measured"
+        f"{share:.0%} of the points lie outside the outline that was measured, {where}; draw an "
+        "area (--area) round what is to be measured"
     ]
 
 

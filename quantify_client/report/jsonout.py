@@ -47,6 +47,8 @@ def interval95(
 ) -> Optional[List[float]]:
     """Return [value - 1.96 std, value + 1.96 std], or None without either.
 
+    Of the digits that are written, so that whoever reads these finds the same interval.
+
     Parameters
     ----------
     least : below it no true value can lie: 0 for cut and fill, which are never negative. The
@@ -59,6 +61,7 @@ def interval95(
     """
     if value is None or std is None or not math.isfinite(value) or not math.isfinite(std):
         return None
+    value, std = plain(value), plain(std)
     return [max(least, value - INTERVAL95 * std), value + INTERVAL95 * std]
 
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Mapping, Optional, Sequence, Tuple
 
+import numpy as np
+import numpy.typing as npt
+
 from .arrays import FloatArray, IntArray
 
 __all__ = [
@@ -69,12 +72,15 @@ class Chunk:
     left_out : mapping of reason to count
         Points that were read together with these but are not among them
         (``"noise class"``, ``"withheld"``, ...).
+    kept : (M,) bool
+        Which of the points that were read these are; None for all, or where it is not known.
     """
 
     x: FloatArray
     y: FloatArray
     z: FloatArray
     left_out: Mapping[str, int] = field(default_factory=dict)
+    kept: Optional[npt.NDArray[np.bool_]] = None
 
     def __len__(self) -> int:
         return len(self.x)
@@ -131,6 +137,7 @@ class CloudInfo:
     warnings : what is worth saying of the files, one line each.
     crs_parts : where each part of the CRS was found.
     faces : number of faces, or strips of them, that join the points; 0 for what is no mesh.
+    steps : what x, y and z are rounded to, in the cloud's own units; 0 where that is not known.
     """
 
     sources: Sequence[str]
@@ -142,3 +149,4 @@ class CloudInfo:
     warnings: Sequence[str] = ()
     crs_parts: Tuple[CrsPart, ...] = ()
     faces: int = 0
+    steps: Tuple[float, float, float] = (0.0, 0.0, 0.0)

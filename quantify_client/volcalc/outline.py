@@ -48,9 +48,10 @@ _LEAST_ISLAND = 0.02
 
 @dataclass(frozen=True)
 class Outline:
-    """The polygon of a whole cloud, and the share of the points that lie clearly outside it."""
+    """The polygon of a whole cloud, and the shares of the points outside it: clearly, and all."""
 
     polygon: Polygon | MultiPolygon
+    away: float
     outside: float
 
 
@@ -84,8 +85,9 @@ def cloud_outline(cubes: Cubes, bounds: Window) -> Outline:
     # Rows share corners computed from the same whole numbers, so the union has no slivers.
     near = ndimage.binary_dilation(kept, ring, iterations=_EDGE)
     points = heights.count + heights.strays
-    outside = 1.0 - points[near].sum() / max(int(points.sum()), 1)
-    return Outline(shapely.union_all(boxes), float(outside))
+    total = max(int(points.sum()), 1)
+    away, outside = (float(1.0 - points[cells].sum() / total) for cells in (near, kept))
+    return Outline(shapely.union_all(boxes), away, outside)
 
 
 def core_window(cubes: Cubes, bounds: Window | None = None) -> Window | None:

@@ -13,6 +13,7 @@ import pytest
 from clouds import in_order, points, read_all, write_copc, write_ept, write_las
 
 from quantify_client.cloud import open_cloud
+from quantify_client.cloud.base import coarse
 from quantify_client.cloud.ept import EptCloud
 from quantify_client.cloud.las_header import read_layout
 from quantify_client.errors import CloudError
@@ -226,3 +227,16 @@ def test_a_scale_as_coarse_as_a_grid_is_no_fault(tmp_path: Path) -> None:
     x, y = (axis.ravel() for axis in np.meshgrid(np.arange(100.0), np.arange(100.0)))
     grid = np.column_stack([x + 576_700, y + 5_188_140, 110 + x / 7])
     assert open_cloud([write_las(tmp_path / "a.las", grid, scale=1.0)]).info.warnings == ()
+
+
+def test_the_steps_of_heights_are_not_held_against_degrees(tmp_path: Path) -> None:
+    x, y = np.random.default_rng(1).uniform(0, 4e-4, (2, 2000))
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.scales, header.offsets = [1e-9, 1e-9, 0.01], [9.9, 48.4, 0.0]
+    data = laspy.LasData(header)
+    data.x, data.y, data.z = x + 9.9, y + 48.4, 1e4 * x
+    path = tmp_path / "a.laz"
+    data.write(path)
+    assert open_cloud([path]).info.warnings == ()
+    (said,) = coarse(path, [1e-4, 1e-9, 0.01], open_cloud([path]).info.bounds, 2000)
+    assert "has x in steps of 0.0001, and" in said

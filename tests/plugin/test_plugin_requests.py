@@ -111,7 +111,7 @@ def test_what_the_library_refuses_is_told_without_paths_and_dashes(host, beach_t
     job = host.owner.post(f"{API}/{beach_task}/jobs", asked).json["job"]
     state = host.owner.wait(beach_task, job)
     assert state["state"] == "failed"
-    assert state["error"].startswith("hollow, max-gap and floor go with method section")
+    assert state["error"].startswith("hollow, max-gap, floor and accuracy go with method")
     result = host.owner.get(f"{API}/{beach_task}/jobs/{job}/result")
     assert (result.status, result.json["state"]) == (409, "failed")
     saved = host.owner.post(f"{API}/{beach_task}/measurements", {"job": job, "name": "x"})

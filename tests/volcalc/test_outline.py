@@ -53,13 +53,13 @@ def test_islands_are_parts_and_specks_are_not():
 
 def test_the_share_of_points_outside_is_what_the_edge_does_not_explain():
     disc = outlined(lambda x, y: np.hypot(x - 15, y - 15) < 12)
-    assert disc.outside == 0.0
+    assert disc.away == 0.0
     small = lambda x, y: np.hypot(x % 3 - 1.5, y % 3 - 1.5) < 0.7  # noqa: E731
     islands = outlined(lambda x, y: (np.hypot(x - 15, y - 15) < 8) | small(x, y) & (x < 5))
     x, y = np.random.default_rng(0).uniform(0, 30, (2, 40_000))
     away = small(x, y) & (x < 5) & (np.hypot(x - 15, y - 15) > 8)
     share = away.sum() / (away | (np.hypot(x - 15, y - 15) < 8)).sum()
-    assert islands.outside == pytest.approx(share, abs=0.02)
+    assert islands.away == pytest.approx(share, abs=0.02)
     assert share > 0.1
 
 
