@@ -48,8 +48,9 @@ _PASSES = 10
 _CROWDED = 16
 
 #: The share of a whole cloud's points that is worth a word where they lie away from its outline,
-#: and where they lie outside of it at all: its edge cells, left out, hold up to 4 % of a dense one.
-_AWAY, _OUTSIDE = 0.005, 0.05
+#: and where they lie outside of it at all: its edge cells, left out, hold a sixth of a square of 80
+#: by 80 points.
+_AWAY, _OUTSIDE = 0.005, 0.2
 
 #: Why points over an area are left out whose heights its cubes have no numbers for.
 _TOO_FAR = "height absurdly far from the site's"
