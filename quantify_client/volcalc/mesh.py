@@ -69,6 +69,8 @@ def measure_mesh(
     """
     if len(faces.corners) - 2 * len(faces.sizes) > MOST_FACES:
         return f"more than {MOST_FACES:,} triangles are not searched for faces that meet"
+    if not len(faces.corners):
+        return "none of them has a corner"
     used = points[np.unique(faces.corners)]
     origin = 0.5 * (used.min(axis=0) + used.max(axis=0))
     here = (points - origin) / [recipe.ground_factor, recipe.ground_factor, 1.0]

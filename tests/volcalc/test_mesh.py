@@ -242,3 +242,8 @@ def test_result_is_complete():
     assert isinstance(result, AreaResult)
     assert (result.points_used, result.coverage, result.solid.floor) == (8, None, None)
     assert all(len(rings) == 1 for rings in result.solid.outlines)
+
+
+def test_faces_without_corners_enclose_nothing():
+    none = Faces(np.empty(0, dtype=np.int64), np.zeros(3, dtype=np.int64))
+    assert measure_mesh("a", np.eye(3), none, MeshRecipe()) == "none of them has a corner"
