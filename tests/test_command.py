@@ -19,6 +19,7 @@ from commands import UTM, only
 from terrains import EAST
 
 from quantify_client.__main__ import main as start
+from quantify_client.commands.shown import complain
 
 # --- wrong usage
 
@@ -242,3 +243,11 @@ def test_ctrl_c_ends_it_at_once_and_leaves_nothing(site, tmp_path):
     assert told == b""
     assert said == b"quantify-client: error: interrupted; no file is half written\n"
     assert not out.exists()
+
+
+def test_a_word_that_no_screen_shows_is_told_by_both_its_ends(capsys):
+    assert complain(f"/tmp/{'1' * 5000}/cloud.laz: is empty", 1) == 1
+    told = capsys.readouterr().err
+    assert len(told) < 400
+    assert told.startswith("quantify-client: error: /tmp/111")
+    assert told.endswith("11/cloud.laz: is empty\n")

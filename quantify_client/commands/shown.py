@@ -13,17 +13,27 @@ from ..report.words import printable
 
 __all__ = ["complain", "say", "stages"]
 
+_LONGEST_WORD = 400
+
 
 def complain(error: object, status: int) -> int:
     """Print an error as one line on stderr and return the exit status."""
-    line = " ".join(printable(error).split())
-    print(f"quantify-client: error: {line}", file=sys.stderr)
+    print(f"quantify-client: error: {_line(error)}", file=sys.stderr)
     return status
 
 
 def say(text: object) -> None:
     """Print one line for people on stderr, where it is in no program's way."""
-    print(" ".join(printable(text).split()), file=sys.stderr, flush=True)
+    print(_line(text), file=sys.stderr, flush=True)
+
+
+def _line(text: object) -> str:
+    """Return one line; of a word that no screen shows, a path from a damaged file say, both ends."""
+    words = (
+        word if len(word) <= _LONGEST_WORD else f"{word[:200]}...{word[-100:]}"
+        for word in printable(text).split()
+    )
+    return " ".join(words)
 
 
 @contextmanager
