@@ -16,6 +16,9 @@ from pyogrio import raw
 from quantify_client.areas import read_areas
 from quantify_client.errors import AreaError
 
+# Servers, sizes and words: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 ENDINGS = [".shp", ".gpkg", ".kml", ".dxf", ".fgb"]
 
 

@@ -10,6 +10,9 @@ import sized
 import yaml
 from terrains import cone
 
+# Servers, sizes and words: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 COPR = Path(__file__).parents[2] / "shared" / "data" / "copr_gcps"
 
 

@@ -20,6 +20,9 @@ from terrains import CLEAN, cone, survey, tilted
 
 from quantify_client import measure, scale
 
+# Servers, sizes and words: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 SCHEMA = json.loads(
     (resources.files("quantify_client") / "report" / "scale_schema.json").read_text("utf-8")
 )

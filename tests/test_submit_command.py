@@ -22,6 +22,9 @@ from photographs import photograph
 
 from quantify_client.commands import jobs
 
+# Servers, sizes and words: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 
 @pytest.fixture(autouse=True)
 def token(quick_jobs, monkeypatch):

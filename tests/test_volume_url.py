@@ -24,6 +24,9 @@ from quantify_client.report import to_json
 from quantify_client.sfm import saving, webodm_cloud
 from quantify_client.sfm.access import Access
 
+# Servers, sizes and words: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 PILE = cone(radius=2.0, top=2.0, x=6.0, y=6.0)
 KNOWN = Access(USER, PASSWORD)
 SRS = {"authority": "EPSG", "horizontal": UTM.split(":")[1]}

@@ -18,6 +18,9 @@ from terrains import EAST, NORTH, Errors, circle, placed, survey
 
 from quantify_client.cli import main
 
+# Servers, sizes and words: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 POINTS = survey(PILE.height, Errors(0.01, 0.0), 20_000)
 POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n"
 PAGE = "<!DOCTYPE html>\n<html><head><title>Log in</title></head></html>\n"

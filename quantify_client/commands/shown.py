@@ -28,7 +28,7 @@ def say(text: object) -> None:
 
 
 def _line(text: object) -> str:
-    """Return one line; of a word that no screen shows, a path from a damaged file say, both ends."""
+    """Return one line; of a word that no screen shows, a path of a damaged file say, both ends."""
     words = (
         word if len(word) <= _LONGEST_WORD else f"{word[:200]}...{word[-100:]}"
         for word in printable(text).split()

@@ -19,6 +19,9 @@ from quantify_client.cloud.las_header import read_layout
 from quantify_client.errors import CloudError
 from quantify_client.types import Window
 
+# Servers, sizes and words: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 
 def with_count(path: Path, count: int) -> Path:
     """Change the number of points in a LAS header."""

@@ -18,6 +18,9 @@ from quantify_client.cloud.rewrite import RewriteReport, rewrite_cloud
 from quantify_client.errors import CrsError
 from quantify_client.types import Bounds
 
+# Servers, sizes and words: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 
 def rewritten(path: Path, crs: Optional[str] = UTM, ending: str = "laz") -> Any:
     """Move the points of a file. Returns what laspy reads, and the report."""

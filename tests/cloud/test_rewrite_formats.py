@@ -15,6 +15,9 @@ from quantify_client.cloud.rewrite import RewriteReport, rewrite_cloud
 from quantify_client.errors import CloudError
 from quantify_client.types import Bounds
 
+# Servers, sizes and words: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 HALF_MM = 0.5e-3
 LIFT = 1000.0
 

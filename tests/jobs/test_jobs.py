@@ -13,6 +13,9 @@ from quantify_client.errors import InputError, JobError, ServerError, UsageError
 from quantify_client.jobs import cancel_job, create_job, plan_job, run_job
 from quantify_client.jobs.journal import load, locked
 
+# Servers, sizes and words: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 
 def test_job_ends_with_the_nodes_archive_and_equal_files(job):
     job.create()

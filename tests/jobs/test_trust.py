@@ -22,6 +22,9 @@ from quantify_client.jobs.journal import load
 from quantify_client.jobs.own import is_own, records_folder
 from quantify_client.sfm.access import Access
 
+# Servers, sizes and words: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 KEY = "-----BEGIN OPENSSH PRIVATE KEY-----\nhush\n" + "x" * 400
 
 

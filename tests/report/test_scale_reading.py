@@ -30,6 +30,9 @@ from quantify_client.types import DirectHeight, Scaling
 from . import scalings, surveys
 from .test_reading import HOSTILE_TEXTS, Tags
 
+# Servers, sizes and words: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 CONTROL = re.compile("[\x00-\x09\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 
 

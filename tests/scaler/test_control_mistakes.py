@@ -17,6 +17,9 @@ from quantify_client.errors import ControlError
 from quantify_client.scaler import trees
 from quantify_client.scaler.control import read_control
 
+# Servers, sizes and words: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 # --- mistakes
 
 

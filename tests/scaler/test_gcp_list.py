@@ -16,6 +16,9 @@ from quantify_client.scaler.control import read_control
 from quantify_client.scaler.gcp_list import write_gcp_list
 from quantify_client.scaler.nouns import ControlPoint, Pick
 
+# Servers, sizes and words: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 COPR = Path(__file__).resolve().parents[3] / "shared/data/copr_gcps"
 NEEDS_COPR = pytest.mark.skipif(
     not COPR.exists(), reason=f"the survey is not there: {COPR} (it lies outside the repository)"

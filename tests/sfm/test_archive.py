@@ -19,6 +19,9 @@ from quantify_client.errors import CloudError
 from quantify_client.sfm import archive
 from quantify_client.sfm.outputs import open_source
 
+# Servers, sizes and words: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 MODEL = "odm_georeferencing/odm_georeferenced_model.laz"
 COORDS = f"WGS84 UTM 15N\n{ORIGIN[0]:.0f} {ORIGIN[1]:.0f}\n"
 

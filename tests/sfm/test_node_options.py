@@ -7,6 +7,9 @@ from pyodm.types import NodeOption
 from quantify_client.errors import UsageError
 from quantify_client.sfm.presets import MINIMAL_OUTPUTS, PRESETS, choose_options
 
+# Servers, sizes and words: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 AVAILABLE = [NodeOption(**option) for option in OPTIONS]
 
 

@@ -15,6 +15,9 @@ from quantify_client.sfm.multipart import FileBody
 from quantify_client.sfm.photo_files import header, kind_of
 from quantify_client.sfm.photos import check_photos
 
+# Servers, sizes and words: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 
 def tiff(entries, tail=b"", *, following=0):
     """A little-endian TIFF of one directory: (tag, type, count, value or offset) each."""

@@ -10,6 +10,9 @@ from PIL import Image
 from quantify_client.errors import InputError
 from quantify_client.sfm.photos import check_photos
 
+# Servers, sizes and words: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 
 def test_folder_is_summarised(tmp_path):
     photographs(tmp_path, 5)

@@ -14,6 +14,9 @@ from quantify_client.sfm.webodm import WebODM as Client
 from quantify_client.sfm.webodm import task_address
 from quantify_client.sfm.webodm_tasks import WebODMTasks
 
+# Servers, sizes and words: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 TASK = "7b0fd1cc-64a6-4c5a-8a5d-ae4b0c5c9f2e"
 KNOWN = Access(USER, PASSWORD)
 
