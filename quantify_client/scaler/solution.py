@@ -132,8 +132,10 @@ def minimise(
     for _ in range(steps):
         weight = (1.0 + (now / _ROBUST) ** 2) ** -0.25 if robust else np.ones(len(now))
         step = _step(slope * weight[:, None], now * weight, damping)
-        trial = residuals(unknowns + step)
-        better = _loss(trial, robust)
+        # A step that goes much too far overflows: it is no better.
+        with np.errstate(over="ignore", invalid="ignore"):
+            trial = residuals(unknowns + step)
+            better = _loss(trial, robust)
         if not better <= cost * (1.0 + 1e-12):
             damping = max(10.0 * damping, 1e-4)
             if damping > _STUCK:
