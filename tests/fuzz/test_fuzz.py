@@ -34,6 +34,14 @@ def test_undamaged_inputs_are_read(tmp_path):
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+@pytest.mark.one_python
+@pytest.mark.parametrize(("seed", "number"), [("77", "103"), ("78", "185"), ("78", "1715")])
+def test_what_once_failed_ends_in_words(seed, number, tmp_path):
+    """Faces without corners; a path of thousands of characters; an adjustment that overflows."""
+    done = _fuzz(tmp_path, "--seed", seed, "--only", number)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
 _FAULTS = {
     "raise ValueError(1)": "Traceback",
     "print('quantify-client: error: this is a bug, x', file=sys.stderr); return 1": "is a bug",
