@@ -228,7 +228,7 @@ class Model:
         down = 1.0 / (1.0 + up / net.radius_m)
         horizontal = now.points[self._gps, :2] * down[self._gps, None]
         bulge = (east**2 + north**2) / (2.0 * net.radius_m)
-        back = (now.points[self._cloud] - now.shift) @ now.rotation * math.exp(-now.log_scale)
+        back = (now.points[self._cloud] - now.shift) @ now.rotation * np.exp(-now.log_scale)
         apart = now.points[net.ends[:, 1]] - now.points[net.ends[:, 0]]
         return np.concatenate(
             [

@@ -35,9 +35,9 @@ def test_undamaged_inputs_are_read(tmp_path):
 
 
 @pytest.mark.one_python
-@pytest.mark.parametrize(("seed", "number"), [("77", "103"), ("78", "185"), ("78", "1715")])
+@pytest.mark.parametrize(("seed", "number"), [("78", "1715"), ("79", "1684")])
 def test_what_once_failed_ends_in_words(seed, number, tmp_path):
-    """Faces without corners; a path of thousands of characters; an adjustment that overflows."""
+    """Steps of an adjustment that overflow."""
     done = _fuzz(tmp_path, "--seed", seed, "--only", number)
     assert done.returncode == 0, done.stdout + done.stderr
 
