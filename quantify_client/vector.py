@@ -201,7 +201,7 @@ def _outline(geometry: Any, label: Any, crs: Optional[str], lines_may_close: boo
     if geometry is None or geometry.is_empty:
         return Outline(label, None, crs, "has no geometry; draw its polygon", foreign=True)
     if lines_may_close and _is_outline(geometry):
-        geometry = shapely.Polygon(geometry)  # DXF has closed polylines and no polygons
+        geometry = shapely.Polygon(geometry.coords)  # DXF has closed polylines and no polygons
     if geometry.geom_type in ("Polygon", "MultiPolygon"):
         return Outline(label, geometry, crs)
     if geometry.geom_type == "GeometryCollection":

@@ -35,9 +35,9 @@ def test_undamaged_inputs_are_read(tmp_path):
 
 
 @pytest.mark.one_python
-@pytest.mark.parametrize(("seed", "number"), [("78", "1715"), ("79", "1684")])
+@pytest.mark.parametrize(("seed", "number"), [("79", "1684"), ("80", "1745")])
 def test_what_once_failed_ends_in_words(seed, number, tmp_path):
-    """Steps of an adjustment that overflow."""
+    """A step of an adjustment that overflows; a closed line of no length."""
     done = _fuzz(tmp_path, "--seed", seed, "--only", number)
     assert done.returncode == 0, done.stdout + done.stderr
 
