@@ -26,9 +26,9 @@ from shapely.affinity import translate
 from shapely.geometry import Polygon, box
 
 from quantify_client.types import FloatArray, Window
-from quantify_client.volcalc.accumulate import TerrainAccumulator
-from quantify_client.volcalc.placements import measure_area
-from quantify_client.volcalc.terrain import Recipe
+from quantify_client.volcalc.terrain.accumulate import TerrainAccumulator
+from quantify_client.volcalc.terrain.grid_offsets import measure_area
+from quantify_client.volcalc.terrain.measure import Recipe
 
 SIDE, MIDDLE = 40.0, 20.0
 EAST, NORTH, LEVEL = 500_000.0, 5_000_000.0, 100.0

@@ -23,9 +23,9 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from quantify_client.scaler.direct import direct_height
-from quantify_client.scaler.fit import fit
-from quantify_client.scaler.network import Network
+from quantify_client.scaler.adjustment.direct import direct_height
+from quantify_client.scaler.adjustment.fit import fit
+from quantify_client.scaler.adjustment.network import Network
 from quantify_client.types import FloatArray, IntArray
 
 SIDE, RELIEF, MARKS = 80.0, 6.0, 12

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Tuple
 
 from quantify_client.jobs import create_job, plan_job
-from quantify_client.sfm.node import Node
+from quantify_client.sfm.servers.nodeodm import Node
 
 TESTS = Path(__file__).resolve().parents[1] / "tests"
 CONNECTIONS = 4

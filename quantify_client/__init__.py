@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from .errors import QuantifyError
     from .pipeline import convert_control, describe, measure, scale
     from .report import to_json, write_report
-    from .sfm.access import Access
+    from .sfm.servers.access import Access
     from .types import AreaFailure, AreaResult, Measurement, Options
 
 __all__ = [
@@ -27,12 +27,12 @@ __all__ = [
     "write_report",
 ]
 
-_ROOMS = ("errors", "types", "sfm.access", "pipeline", "report")
+_MODULES = ("errors", "types", "sfm.servers.access", "pipeline", "report")
 
 
 def __getattr__(name: str) -> Any:
     """Import a public name when it is first used, so that the command starts at once."""
-    for room in _ROOMS if name in __all__ else ():
+    for room in _MODULES if name in __all__ else ():
         found = getattr(import_module(f".{room}", __name__), name, None)
         if found is not None:
             return found

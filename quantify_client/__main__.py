@@ -8,7 +8,7 @@ from __future__ import annotations
 import signal
 import sys
 
-from .process import Ending, ready_streams
+from .commands.process import Ending, ready_streams
 
 __all__ = ["main"]
 

@@ -7,7 +7,8 @@ import traceback
 from pathlib import Path
 from typing import Optional, Sequence
 
-from .arguments import (
+from .commands import measuring, scaling
+from .commands.arguments import (
     RESUME,
     SOURCE,
     SUBMIT,
@@ -22,10 +23,9 @@ from .arguments import (
     add_submit,
     add_units,
 )
-from .commands import measuring, scaling
+from .commands.process import lost_output
 from .commands.shown import complain
 from .errors import QuantifyError, UsageError
-from .process import lost_output
 
 __all__ = ["main"]
 

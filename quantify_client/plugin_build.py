@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Dict, List, Pattern, Tuple
 
 from .errors import OutputError
+from .files.writing import put_in_place, require_replaceable, scratch, staging
 from .version import VERSION_FILE, package_version
-from .writing import put_in_place, require_replaceable, scratch, staging
 
 __all__ = ["NAME", "build_plugin", "replaceable_zip"]
 

@@ -10,7 +10,9 @@ import quantify_client
 
 PILE = cone(radius=8.0, top=4.0).on(flat)
 UTM = "EPSG:32615"
-SCHEMA = json.loads((Path(quantify_client.__file__).parent / "report/schema.json").read_text())
+SCHEMA = json.loads(
+    (Path(quantify_client.__file__).parent / "report/document/schema.json").read_text()
+)
 
 
 def features(*polygons, names=(), crs=UTM):

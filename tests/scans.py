@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from solids import Body, draw_until
 
 from quantify_client.types import AreaResult
-from quantify_client.volcalc.solid import SolidRecipe, measure_solid
-from quantify_client.volcalc.voxels import VoxelAccumulator
+from quantify_client.volcalc.body.measure import SolidRecipe, measure_solid
+from quantify_client.volcalc.body.voxels import VoxelAccumulator
 
 OFFSET = np.array([500_000.0, 4_500_000.0, 100.0])
 """Where the scans are."""

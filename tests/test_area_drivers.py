@@ -13,7 +13,7 @@ from beach import BEACH
 from drawn import SQUARE, collection, feature, lonlat, only, polygon
 from pyogrio import raw
 
-from quantify_client.areas import read_areas
+from quantify_client.areas.read import read_areas
 from quantify_client.errors import AreaError
 
 # Servers, sizes and words: no different on a second Python.

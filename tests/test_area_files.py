@@ -13,10 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyogrio import raw
 
-from quantify_client.areas import read_areas
+from quantify_client.areas.read import read_areas
+from quantify_client.areas.vector import read_vector
 from quantify_client.crs import measuring_frame
 from quantify_client.errors import AreaError, MissingExtraError, QuantifyError
-from quantify_client.vector import read_vector
 
 # --- files that are none
 
@@ -66,7 +66,7 @@ def test_path_that_is_no_file_is_refused(name, tmp_path, beach):
 def test_too_large_files_are_refused(tmp_path, beach, monkeypatch):
     path = tmp_path / "areas.geojson"
     path.write_text(json.dumps(polygon()))
-    monkeypatch.setattr("quantify_client.geojson.MAX_BYTES", 50)
+    monkeypatch.setattr("quantify_client.areas.geojson.MAX_BYTES", 50)
     with pytest.raises(AreaError, match="larger than"):
         read_areas(path, beach, BEACH)
 
@@ -76,10 +76,10 @@ def test_too_many_vertices_and_polygons_are_refused(tmp_path, beach, monkeypatch
     path.write_text("[" + "[]," * 3_000_000 + "[]]")
     with pytest.raises(AreaError, match="more than"):
         read_areas(path, beach, BEACH)
-    monkeypatch.setattr("quantify_client.geojson.MAX_POLYGONS", 3)
+    monkeypatch.setattr("quantify_client.areas.geojson.MAX_POLYGONS", 3)
     with pytest.raises(AreaError, match="more than 3 polygons"):
         read_areas(collection(*[feature(polygon())] * 4), beach, BEACH)
-    monkeypatch.setattr("quantify_client.geojson.MAX_VERTICES", 12)
+    monkeypatch.setattr("quantify_client.areas.geojson.MAX_VERTICES", 12)
     with pytest.raises(AreaError, match="or 12 vertices"):
         read_areas(collection(*[feature(polygon())] * 3), beach, BEACH)
 

@@ -13,7 +13,7 @@ from drawn import HOLE, SQUARE, X, Y, collection, feature, lonlat, only, polygon
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from quantify_client.areas import Area, read_areas
+from quantify_client.areas.read import Area, read_areas
 from quantify_client.crs import measuring_frame
 from quantify_client.errors import AreaError
 from quantify_client.types import AreaFailure, Bounds

@@ -33,7 +33,7 @@ def bodies(tmp_path_factory):
 
 def test_a_body_is_measured_by_sections(bodies, document):
     told = document("volume", bodies / "ball.laz", "--source-unit", "m", "--density", "2:0.1")
-    schema = (resources.files("quantify_client") / "report/schema.json").read_text("utf-8")
+    schema = (resources.files("quantify_client") / "report/document/schema.json").read_text("utf-8")
     jsonschema.validate(told, json.loads(schema))
     result = only(told)
     assert (told["shape"], told["method"]) == ("object", "section")

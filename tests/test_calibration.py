@@ -12,9 +12,9 @@ from shapely import affinity
 from shapely.geometry import Point, Polygon, box
 
 from quantify_client.types import AreaResult, Window
-from quantify_client.volcalc.accumulate import TerrainAccumulator
-from quantify_client.volcalc.placements import measure_area
-from quantify_client.volcalc.terrain import Recipe
+from quantify_client.volcalc.terrain.accumulate import TerrainAccumulator
+from quantify_client.volcalc.terrain.grid_offsets import measure_area
+from quantify_client.volcalc.terrain.measure import Recipe
 
 EAST, NORTH, SIDE = 576000.0, 5188000.0, 36.0
 CENTRE = (EAST + SIDE / 2, NORTH + SIDE / 2)

@@ -14,10 +14,10 @@ from test_calibration import SHAPES, SIDE, _measure
 
 from quantify_client.pipeline.checking import with_check_words
 from quantify_client.types import AreaResult, Check, Measurement
-from quantify_client.volcalc import check as tin_checks
-from quantify_client.volcalc import placements
-from quantify_client.volcalc.terrain import Measured
-from quantify_client.volcalc.terrain_words import Doubts
+from quantify_client.volcalc.terrain import check as tin_checks
+from quantify_client.volcalc.terrain import grid_offsets as placements
+from quantify_client.volcalc.terrain.measure import Measured
+from quantify_client.volcalc.terrain.warnings import Doubts
 
 pytestmark = pytest.mark.one_python
 

@@ -156,7 +156,7 @@ def test_earlier_results_stay_until_new_ones_are_complete(site, tmp_path, run, m
     def full(*args):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("quantify_client.report.pictures.area_picture", full)
+    monkeypatch.setattr("quantify_client.report.figures.pictures.area_picture", full)
     status, _, err = run(*where, "--out", out)
     assert (status, err.count("\n")) == (1, 1)
     assert "No space left on device" in err
@@ -165,7 +165,7 @@ def test_earlier_results_stay_until_new_ones_are_complete(site, tmp_path, run, m
     def stopped(*args):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("quantify_client.report.pictures.area_picture", stopped)
+    monkeypatch.setattr("quantify_client.report.figures.pictures.area_picture", stopped)
     status, _, err = run(*where, "--out", out)
     assert (status, err.count("\n")) == (130, 1)
     assert contents(out) == before

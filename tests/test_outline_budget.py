@@ -13,7 +13,7 @@ from clouds import write_las
 from drawn import collection, feature
 
 from quantify_client.crs import geometry_to_wgs84, measuring_frame
-from quantify_client.volcalc.rim import interpolation_along
+from quantify_client.volcalc.terrain.rim import interpolation_along
 
 # Servers, sizes and words: no different on a second Python.
 pytestmark = pytest.mark.one_python

@@ -14,8 +14,9 @@ import yaml
 from commands import PILE, features
 from test_gcp_command import STEEP, with_picks
 
-from quantify_client import plugin_build, writing
+from quantify_client import plugin_build
 from quantify_client.errors import OutputError
+from quantify_client.files import writing
 from quantify_client.jobs.create import require_free
 
 # Files and their marks: no different on a second Python.
@@ -207,7 +208,7 @@ def test_a_scaled_cloud_never_comes_without_its_page(
     def fail(*_args):
         raise fault
 
-    monkeypatch.setattr("quantify_client.report.scale_plan.scale_plan", fail)
+    monkeypatch.setattr("quantify_client.report.figures.control.figure.scale_plan", fail)
     status, _, err = run(*scaling)
     assert (status, err.count("\n")) == (130 if isinstance(fault, KeyboardInterrupt) else 1, 1)
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before

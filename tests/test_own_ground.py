@@ -9,9 +9,9 @@ from shapely.geometry import Polygon
 from terrains import circle
 
 from quantify_client.types import Window
-from quantify_client.volcalc.accumulate import TerrainAccumulator
-from quantify_client.volcalc.placements import measure_area
-from quantify_client.volcalc.terrain import Recipe
+from quantify_client.volcalc.terrain.accumulate import TerrainAccumulator
+from quantify_client.volcalc.terrain.grid_offsets import measure_area
+from quantify_client.volcalc.terrain.measure import Recipe
 
 pytestmark = pytest.mark.one_python
 

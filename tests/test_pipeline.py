@@ -16,8 +16,8 @@ from terrains import LEVEL, Errors, circle, placed, survey
 import quantify_client
 from quantify_client import AreaFailure, describe, measure, to_json
 from quantify_client.errors import CloudError, SupportError, UsageError
-from quantify_client.streaming import thread_count
-from quantify_client.volcalc.integrate import above_mask
+from quantify_client.pipeline.streaming import thread_count
+from quantify_client.volcalc.terrain.integrate import above_mask
 
 POINTS = np.round(survey(PILE.height, Errors(0.01, 0.0), 30_000), 3)
 

@@ -24,7 +24,9 @@ from quantify_client import measure, scale
 pytestmark = pytest.mark.one_python
 
 SCHEMA = json.loads(
-    (resources.files("quantify_client") / "report" / "scale_schema.json").read_text("utf-8")
+    (resources.files("quantify_client") / "report" / "document" / "scale_schema.json").read_text(
+        "utf-8"
+    )
 )
 
 

@@ -39,10 +39,10 @@ from quantify_client.__main__ import main
 sys.exit(main())
 """
 WRITING = {
-    "volume": "quantify_client.report.pictures:area_picture",
-    "demo": "quantify_client.report.pictures:area_picture",
-    "scale": "quantify_client.report.scale_plan:scale_plan",
-    "gcp": "quantify_client.scaler.gcp_list:put_in_place",
+    "volume": "quantify_client.report.figures.pictures:area_picture",
+    "demo": "quantify_client.report.figures.pictures:area_picture",
+    "scale": "quantify_client.report.figures.control.figure:scale_plan",
+    "gcp": "quantify_client.scaler.control.gcp_list:put_in_place",
     "plugin": "quantify_client.plugin_build:_write",
 }
 
@@ -178,7 +178,7 @@ def test_signals_that_come_just_before_a_long_wait_end_it():
     # As if they came between Python's last look and the wait: taken, but by no interrupted call.
     code = """
         import signal, sys, threading, time
-        from quantify_client.process import Ending
+        from quantify_client.commands.process import Ending
 
         def send():
             for number in (signal.SIGTERM, signal.SIGHUP) * 3:
@@ -198,7 +198,7 @@ def test_signals_that_come_just_before_a_long_wait_end_it():
 def test_a_signal_where_python_lets_no_exception_out_ends_what_follows():
     code = """
         import os, signal, sys, time
-        from quantify_client.process import Ending
+        from quantify_client.commands.process import Ending
 
         class Slow:
             def __del__(self):

@@ -21,8 +21,8 @@ from quantify_client.cloud import ept_index
 from quantify_client.errors import CloudError, OutputError, QuantifyError, ServerError, UsageError
 from quantify_client.pipeline import describe, scale
 from quantify_client.report import to_json
-from quantify_client.sfm import saving, webodm_cloud
-from quantify_client.sfm.access import Access
+from quantify_client.sfm.servers import saving, webodm_cloud
+from quantify_client.sfm.servers.access import Access
 
 # Servers, sizes and words: no different on a second Python.
 pytestmark = pytest.mark.one_python
@@ -416,7 +416,7 @@ def test_local_sources_need_neither_our_http_nor_pyodm(site):
     # laspy imports requests itself, where there is one.
     code = (
         "import sys, quantify_client as q; q.describe(sys.argv[1]);"
-        "sys.exit(bool({'pyodm', 'quantify_client.sfm.http'} & {*sys.modules}))"
+        "sys.exit(bool({'pyodm', 'quantify_client.sfm.servers.http'} & {*sys.modules}))"
     )
     subprocess.run([sys.executable, "-c", code, str(site / "pile.laz")], check=True, timeout=60)
 

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from quantify_client import writing
 from quantify_client.errors import OutputError
-from quantify_client.writing import is_ours, put_in_place, require_replaceable, staging
+from quantify_client.files import writing
+from quantify_client.files.writing import is_ours, put_in_place, require_replaceable, staging
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="locks of folders")
 

@@ -16,7 +16,7 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Set, Tuple
 from ..crs.statements import Stated, Statement, merge
 from ..crs.wkt import statement_of_wkt
 from ..errors import CloudError
-from ..small_files import count_values
+from ..files.reading import count_values
 from ..types import MAX_COORDINATE, Bounds, Window
 from .base import naming, within
 

@@ -18,9 +18,9 @@ from typing import Callable, Dict, Iterator, List, Optional, Sequence, Tuple
 
 from ..crs import as_wkt
 from ..errors import CloudError, OutputError
-from ..small_files import real_path
+from ..files.reading import real_path
+from ..files.writing import put_in_place, require_replaceable, staging
 from ..types import Bounds
-from ..writing import put_in_place, require_replaceable, staging
 from . import SUFFIXES, refuse_impostor
 from .base import naming
 from .rewrite_ept import BinaryTiles, read_ept

@@ -8,7 +8,7 @@ from typing import Iterator, List, Optional, Sequence, Tuple
 
 from ..crs.same import differ_in
 from ..errors import CloudError
-from ..small_files import real_path
+from ..files.reading import real_path
 from ..types import Bounds, Chunk, CloudInfo, Window
 from .base import DEFAULT_CHUNK, Cloud, gather, touches
 

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Optional
 
 from ..errors import InputError, UsageError
-from ..sfm.access import Access
-from ..sfm.outputs import is_address
-from ..small_files import read_small
+from ..files.reading import read_small
+from ..sfm.servers.access import Access
+from ..source import is_address
 
 __all__ = ["access_of", "node_token", "token_of"]
 
@@ -29,7 +29,7 @@ def token_of(given: argparse.Namespace) -> Optional[str]:
 
 def node_token(given: argparse.Namespace) -> Optional[str]:
     """Return the token of a node; what is given on the command line wins, in the URL it is last."""
-    from ..sfm.node import split_token  # with pyodm, which measuring does without
+    from ..sfm.servers.nodeodm import split_token  # with pyodm, which measuring does without
 
     apart = token_of(given) or os.environ.get(NODE_TOKEN, "").strip() or None
     _require_text(apart)

@@ -21,7 +21,7 @@ from rich.progress import (
 from rich.text import Text
 
 from ..jobs import JobEvent
-from ..report.words import printable
+from ..report.wording.words import printable
 from .shown import say
 
 __all__ = ["shown_job"]

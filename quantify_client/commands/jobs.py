@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any, Mapping, Optional
 
 from ..errors import JobError, QuantifyError, UsageError
+from ..files.writing import scratch
 from ..jobs import Confirmed, Pace, cancel_job, create_job, run_job
 from ..jobs.journal import ARCHIVE, WEBODM, load, resuming
 from ..jobs.own import is_own, records_folder
 from ..pipeline import measure
 from ..report import require_writable
-from ..report.words import printable
-from ..sfm.access import Access
-from ..writing import scratch
+from ..report.wording.words import printable
+from ..sfm.servers.access import Access
 from .access import access_of, node_token
 from .job_display import shown_job
 from .kept import FILES, REPORT, finished, kept_options, kept_units, require_own_files

@@ -10,12 +10,12 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Dict, Mapping, Optional, get_args, get_type_hints
 
-from ..choices import check_options
 from ..crs import require_crs
 from ..errors import CrsError, InputError, JobError, UsageError
+from ..files.reading import read_small, real_path
 from ..jobs.journal import ARCHIVE, DONE, JOURNAL, Job
 from ..jobs.own import is_own
-from ..small_files import read_small, real_path
+from ..options import check_options
 from ..types import Options
 
 __all__ = ["FILES", "REPORT", "finished", "kept_options", "kept_units", "require_own_files"]

@@ -11,15 +11,9 @@ from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 from rich.console import Console
 
 from ..pipeline import describe, measure
-from ..report import (
-    print_scaling,
-    print_table,
-    require_writable,
-    to_json,
-    write_report,
-)
-from ..report.plain import plain
-from ..report.words import coordinate_rows, printable
+from ..report import print_scaling, print_table, require_writable, to_json, write_report
+from ..report.document.plain import plain
+from ..report.wording.words import coordinate_rows, printable
 from ..types import AreaFailure, Measurement
 from .access import access_of
 from .shown import complain, stages

@@ -9,19 +9,19 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Dict, Iterator, List, Mapping, Optional, Tuple
 
-from ..areas import require_polygons
-from ..choices import check_options, choose_shape
+from ..areas.read import require_polygons
 from ..crs import given_crs
 from ..errors import AreaError, QuantifyError, ServerError, UsageError
+from ..files.reading import real_path
 from ..jobs import Plan, plan_job
 from ..jobs.create import require_free
 from ..jobs.journal import GCP_NAME
-from ..pipeline.sending import ControlPlan, plan_control
+from ..options import check_options, choose_shape
+from ..pipeline.control.sending import ControlPlan, plan_control
 from ..pipeline.sites import AreaPlan, compare_areas, require_control_near
 from ..report import require_writable
-from ..report.words import printable
-from ..sfm.photos import PhotoSummary, check_photos
-from ..small_files import real_path
+from ..report.wording.words import printable
+from ..sfm.photos.check import PhotoSummary, check_photos
 from ..types import Options
 from .access import access_of, node_token
 from .kept import FILES, REPORT

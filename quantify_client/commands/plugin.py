@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from ..plugin_build import build_plugin, replaceable_zip
-from ..report.words import printable
+from ..report.wording.words import printable
 
 __all__ = ["plugin"]
 

@@ -10,6 +10,8 @@ from typing import Any, Mapping, Optional, Sequence
 from rich.console import Console
 
 from ..errors import UsageError
+from ..files.reading import real_path
+from ..files.writing import require_replaceable
 from ..pipeline import convert_control, scale
 from ..report import (
     control_document,
@@ -18,10 +20,8 @@ from ..report import (
     scale_document,
     write_scale_page,
 )
-from ..report.words import printable
-from ..small_files import real_path
+from ..report.wording.words import printable
 from ..types import Scaled
-from ..writing import require_replaceable
 from .access import access_of
 from .shown import complain, stages
 

@@ -9,7 +9,7 @@ from typing import Any, Callable, Iterator
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from ..report.words import printable
+from ..report.wording.words import printable
 
 __all__ = ["complain", "say", "stages"]
 

@@ -15,16 +15,7 @@ import numpy as np
 
 from ..errors import CrsError
 from ..types import Bounds, FloatArray, Window
-from .projection import (
-    CRS,
-    full_turn,
-    parse,
-    short,
-    split,
-    transform,
-    unbound,
-    utm_zone,
-)
+from .projection import CRS, full_turn, parse, short, split, transform, unbound, utm_zone
 from .same import identifier
 
 __all__ = ["UNITS_M", "Frame", "measuring_frame"]

@@ -10,15 +10,7 @@ import numpy as np
 
 from ..errors import CrsError
 from ..types import FloatArray
-from .projection import (
-    full_turn,
-    horizontal_wkt,
-    parse,
-    short,
-    split,
-    transform,
-    unbound,
-)
+from .projection import full_turn, horizontal_wkt, parse, short, split, transform, unbound
 from .same import identifier
 
 __all__ = ["Plane", "odm_header", "plane_of", "positions_to"]

@@ -9,7 +9,7 @@ from typing import Iterator, Optional, Tuple
 from pyproj.exceptions import ProjError
 
 from ..errors import CrsError
-from ..small_files import read_small
+from ..files.reading import read_small
 from .projection import CRS, parse, short
 from .statements import Statement, Unit
 

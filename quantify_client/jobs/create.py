@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any, Iterable, List, Mapping, Optional, Tuple, Union
 
 from ..errors import InputError, JobError, OutputError
-from ..sfm.access import Access
-from ..sfm.node import split_token
-from ..sfm.patience import Patience
-from ..sfm.photos import PhotoSummary, check_photos
-from ..sfm.presets import MINIMAL_OUTPUTS, choose_options
-from ..small_files import real_path
+from ..files.reading import real_path
+from ..sfm.photos.check import PhotoSummary, check_photos
+from ..sfm.servers.access import Access
+from ..sfm.servers.nodeodm import split_token
+from ..sfm.servers.patience import Patience
+from ..sfm.servers.presets import MINIMAL_OUTPUTS, choose_options
 from .events import JobEvent, Report, silent
 from .journal import (
     ARCHIVE,

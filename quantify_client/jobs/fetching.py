@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Optional
 
 from ..errors import JobError, QuantifyError, ServerError
-from ..sfm.http import RefusedError
-from ..sfm.node import ArchiveError, TaskLostError
-from ..sfm.patience import Patience
+from ..sfm.servers.http import RefusedError
+from ..sfm.servers.nodeodm import ArchiveError, TaskLostError
+from ..sfm.servers.patience import Patience
 from .events import JobEvent, Report
 from .journal import ARCHIVE, Job
 from .servers import TaskServer

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, Dict, Iterator, Mapping, Optional, Sequence, Set, Tuple
 
 from ..errors import JobError, OutputError
-from ..small_files import read_small, real_path
+from ..files.reading import read_small, real_path
 from .shape import require_shape
 
 __all__ = ["NODE", "WEBODM", "Job", "SentFile", "SentLog", "load", "locked", "resuming", "save"]

@@ -17,10 +17,10 @@ from pathlib import Path
 from typing import Any, Mapping, Optional, Sequence, Tuple
 
 from ..errors import InputError, JobError
-from ..sfm.addresses import origin
-from ..sfm.node import split_token
-from ..sfm.photo_files import kind_of
-from ..small_files import read_small, real_path
+from ..files.reading import read_small, real_path
+from ..sfm.photos.formats import kind_of
+from ..sfm.servers.addresses import origin
+from ..sfm.servers.nodeodm import split_token
 from .journal import GCP_NAME, NODE, READY, UPLOADING, Job, SentFile
 
 __all__ = ["Confirmed", "Trust", "is_own", "keep_record", "records_folder", "trusted_with"]

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Callable, Dict, Optional
 
 from ..errors import JobError, ServerError
-from ..sfm.access import Access
-from ..sfm.http import RefusedError
-from ..sfm.node import TaskLostError, TaskStatus
-from ..sfm.patience import Patience
+from ..sfm.servers.access import Access
+from ..sfm.servers.http import RefusedError
+from ..sfm.servers.nodeodm import TaskLostError, TaskStatus
+from ..sfm.servers.patience import Patience
 from .events import JobEvent, Report, silent
 from .fetching import fetch
 from .journal import (

@@ -6,9 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Callable, List, Mapping, Optional, Protocol, Sequence
 
-from ..sfm.access import Access
-from ..sfm.node import Engine, Node, TaskState
-from ..sfm.webodm_tasks import WebODMTasks
+from ..sfm.servers.access import Access
+from ..sfm.servers.nodeodm import Engine, Node, TaskState
+from ..sfm.servers.webodm_tasks import WebODMTasks
 from .journal import NODE, Job
 from .own import Trust
 

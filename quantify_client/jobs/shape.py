@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Callable, Dict, Mapping, NamedTuple, Sequence
 
 from ..errors import ServerError
-from ..sfm.addresses import checked_url
+from ..sfm.servers.addresses import checked_url
 
 __all__ = ["require_shape"]
 

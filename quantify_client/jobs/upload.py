@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import Deque, Dict, Iterable, List, Optional
 
 from ..errors import JobError, OutputError, QuantifyError, ServerError
-from ..sfm.http import OutageError, RefusedError
-from ..sfm.multipart import StoppedError
-from ..sfm.node import TaskLostError
-from ..sfm.patience import Patience
+from ..sfm.servers.http import OutageError, RefusedError
+from ..sfm.servers.multipart import StoppedError
+from ..sfm.servers.nodeodm import TaskLostError
+from ..sfm.servers.patience import Patience
 from .events import JobEvent, Report
 from .journal import SEED, Job, SentFile, SentLog
 from .own import Trust

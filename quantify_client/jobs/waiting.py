@@ -7,10 +7,10 @@ import threading
 from typing import Callable, List
 
 from ..errors import JobError
-from ..sfm.http import RefusedError
-from ..sfm.multipart import StoppedError
-from ..sfm.node import TaskLostError, TaskState, TaskStatus
-from ..sfm.patience import Patience
+from ..sfm.servers.http import RefusedError
+from ..sfm.servers.multipart import StoppedError
+from ..sfm.servers.nodeodm import TaskLostError, TaskState, TaskStatus
+from ..sfm.servers.patience import Patience
 from .events import JobEvent, Report
 from .journal import Job
 from .servers import TaskServer

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from .control import convert_control
+from .control.convert import convert_control
+from .control.scale import scale
 from .run import describe, measure
-from .scale import scale
 
 __all__ = ["convert_control", "describe", "measure", "scale"]

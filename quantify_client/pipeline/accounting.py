@@ -17,7 +17,7 @@ from ..cloud import DEFAULT_CHUNK, Cloud
 from ..cloud.base import NODATA, NOISE, WITHHELD, Front, box_of
 from ..cloud.nodata import AT_ORIGIN
 from ..errors import CloudError
-from ..sfm.outputs import Source
+from ..source import Source
 from ..types import Bounds, Chunk, FloatArray, Window
 
 __all__ = ["FAR", "every_point", "left_out", "losses"]

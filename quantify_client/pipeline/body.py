@@ -9,12 +9,11 @@ import numpy as np
 
 from ..crs import Frame
 from ..errors import InputError, QuantifyError
-from ..sfm.outputs import Source
-from ..streaming import Progress, gather, stream, thread_count
+from ..source import Source
 from ..types import AreaResult, Bounds, FloatArray, Floor, Measurement, Options
-from ..volcalc.body import BodyRecipe, measure_body
-from ..volcalc.solid import SolidRecipe, floor_of, measure_solid
-from ..volcalc.voxels import Thinned, VoxelAccumulator
+from ..volcalc.body.measure import SolidRecipe, floor_of, measure_solid
+from ..volcalc.body.voxels import Thinned, VoxelAccumulator
+from ..volcalc.paper.measure import BodyRecipe, measure_body
 from .accounting import FAR
 from .common import (
     bounds_in_frame,
@@ -27,6 +26,7 @@ from .common import (
 )
 from .drawn import cloud_window
 from .mesh import ByFaces, measure_faces
+from .streaming import Progress, gather, stream, thread_count
 
 __all__ = ["find_floor", "measure_object"]
 

@@ -10,11 +10,11 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union
 
 from ..crs import Frame, PlacedFrame, doubts, grid_scale_factor
 from ..errors import CloudError
-from ..sfm.outputs import Source
-from ..streaming import nothing_usable
+from ..source import Source
 from ..types import AreaFailure, AreaResult, Bounds, CloudInfo, Measurement, Options, Window
 from ..version import package_version
 from .accounting import losses
+from .streaming import nothing_usable
 
 __all__ = [
     "Result",

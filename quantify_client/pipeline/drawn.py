@@ -9,12 +9,12 @@ import numpy as np
 import shapely
 from scipy.spatial import KDTree
 
-from ..areas import Area, AreaSet, read_areas
+from ..areas.read import Area, AreaSet, read_areas
 from ..crs import Frame, PlacedFrame
-from ..sfm.outputs import Source
-from ..streaming import Progress, stream, thread_count
+from ..source import Source
 from ..types import FloatArray, IntArray, Options, Window
 from .common import bounds_in_frame, window_of
+from .streaming import Progress, stream, thread_count
 
 __all__ = ["cloud_window", "drawn_areas"]
 

@@ -9,11 +9,11 @@ import numpy as np
 
 from ..cloud import Cloud, Mesh
 from ..crs import Frame
-from ..sfm.outputs import Source
-from ..streaming import Progress, gather
+from ..source import Source
 from ..types import AreaResult, Faces, Options
-from ..volcalc.mesh import MeshRecipe, measure_mesh
+from ..volcalc.mesh.measure import MeshRecipe, measure_mesh
 from .common import bounds_in_frame, ground_factor, only_vertices, window_of
+from .streaming import Progress, gather
 
 __all__ = ["ByFaces", "measure_faces"]
 

@@ -10,19 +10,19 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Mapping, Optional, Tuple, Union
 
-from ..choices import check_options, choose_shape
 from ..crs import Frame, measuring_frame
-from ..sfm.access import Access
-from ..sfm.outputs import Source, is_address, open_source
-from ..streaming import Progress
+from ..options import check_options, choose_shape
+from ..sfm.servers.access import Access
+from ..source import Source, is_address, open_source
 from ..types import Floor, Measurement, Options
 from .accounting import every_point, left_out, losses
 from .body import find_floor, measure_object
 from .checking import with_check_words
 from .common import cloud_warnings, coordinates_of, provenance
+from .control.budget import with_scale
+from .control.place import place_cloud
 from .mesh import ByFaces, measure_faces
-from .placing import place_cloud
-from .scale_budget import with_scale
+from .streaming import Progress
 from .terrain import measure_areas
 
 __all__ = ["describe", "measure"]

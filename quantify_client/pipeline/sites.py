@@ -9,13 +9,13 @@ from typing import Any, List, Optional, Sequence, Tuple, Union
 import numpy as np
 import shapely
 
-from ..areas import Area, read_areas
+from ..areas.read import Area, read_areas
 from ..crs import Frame, local_frame, measuring_frame, positions_to, utm_grid
 from ..errors import AreaError, CrsError
-from ..scaler.control import read_control
-from ..scaler.survey import CloudPlace, build_network
+from ..scaler.adjustment.build import CloudPlace, build_network
+from ..scaler.control.read import read_control
 from ..types import AreaFailure, FloatArray
-from .site import Site, require_near
+from .control.site import Site, require_near
 
 __all__ = ["AreaPlan", "compare_areas", "require_control_near"]
 

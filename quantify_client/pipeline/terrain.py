@@ -11,17 +11,16 @@ from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, Uni
 import shapely
 from shapely import affinity
 
-from ..areas import Area, AreaSet, far_corner
+from ..areas.read import Area, AreaSet, far_corner
 from ..crs import Frame
 from ..errors import QuantifyError
-from ..sfm.outputs import Source
-from ..streaming import Progress, accumulate, thread_count
+from ..source import Source
 from ..types import AreaFailure, AreaResult, Bounds, FloatArray, Measurement, Options, Window
-from ..volcalc.accumulate import TerrainAccumulator
-from ..volcalc.outline import Outline, cloud_outline, core_window, height_quantiles
-from ..volcalc.placements import measure_area
-from ..volcalc.surface import Cubes
-from ..volcalc.terrain import Recipe
+from ..volcalc.terrain.accumulate import TerrainAccumulator
+from ..volcalc.terrain.grid_offsets import measure_area
+from ..volcalc.terrain.histogram import Cubes
+from ..volcalc.terrain.measure import Recipe
+from ..volcalc.terrain.outline import Outline, cloud_outline, core_window, height_quantiles
 from .common import (
     Result,
     bounds_in_frame,
@@ -33,6 +32,7 @@ from .common import (
     window_of,
 )
 from .drawn import cloud_window, drawn_areas
+from .streaming import Progress, accumulate, thread_count
 
 __all__ = ["measure_areas"]
 

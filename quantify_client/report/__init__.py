@@ -9,14 +9,17 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from .scale_json import scale_document, scale_json  # a module and a function of one name: not late
+from .document.scaling import (  # a module and a function of one name: not late
+    scale_document,
+    scale_json,
+)
 
 if TYPE_CHECKING:
-    from .control_account import control_document, print_control
-    from .jsonout import to_json
-    from .scale_table import print_scaling
+    from .document.measurement import to_json
     from .scale_write import write_scale_page, write_scale_report
-    from .table import print_table
+    from .terminal.control import control_document, print_control
+    from .terminal.results import print_table
+    from .terminal.scaling import print_scaling
     from .write import require_writable, write_report
 
 __all__ = [
@@ -33,13 +36,13 @@ __all__ = [
     "write_scale_report",
 ]
 
-_ROOMS = {
-    "control_document": "control_account",
-    "print_control": "control_account",
-    "print_scaling": "scale_table",
-    "print_table": "table",
+_MODULES = {
+    "control_document": "terminal.control",
+    "print_control": "terminal.control",
+    "print_scaling": "terminal.scaling",
+    "print_table": "terminal.results",
     "require_writable": "write",
-    "to_json": "jsonout",
+    "to_json": "document.measurement",
     "write_report": "write",
     "write_scale_page": "scale_write",
     "write_scale_report": "scale_write",
@@ -48,6 +51,6 @@ _ROOMS = {
 
 def __getattr__(name: str) -> Any:
     """Import a name's module when it is first used."""
-    if name not in _ROOMS:
+    if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f".{_ROOMS[name]}", __name__), name)
+    return getattr(import_module(f".{_MODULES[name]}", __name__), name)

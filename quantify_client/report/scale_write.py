@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any, Mapping, Optional, Sequence, Union
 
 from ..errors import OutputError
+from ..files.writing import put_in_place, require_replaceable, scratch, staging
 from ..types import Scaling
-from ..writing import put_in_place, require_replaceable, scratch, staging
-from .scale_json import scale_document
-from .units import named_units
-from .words import printable
+from .document.scaling import scale_document
+from .wording.units import named_units
+from .wording.words import printable
 
 __all__ = ["write_scale_page", "write_scale_report"]
 
@@ -58,8 +58,8 @@ def write_scale_page(
 ) -> None:
     """Write the same file where nobody sees it yet; OSError when it cannot be written."""
     # Late: matplotlib is slow to load, and JSON needs none.
-    from .scale_page import render_scale_html
-    from .scale_plan import scale_plan
+    from .figures.control.figure import scale_plan
+    from .page.scale_page import render_scale_html
 
     shown = named_units(units)
     document = scale_document(scaling, source, provenance, warnings, out)

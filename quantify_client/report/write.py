@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Dict, Iterator, List, Optional, Sequence, Union
 
 from ..errors import OutputError
+from ..files.writing import is_ours, put_in_place, require_replaceable, staging
 from ..types import AreaResult, Measurement
-from ..writing import is_ours, put_in_place, require_replaceable, staging
-from .csvout import write_slices
-from .geojson import to_geojson
-from .jsonout import to_json
-from .units import Units, display_units, ground_units
-from .words import printable, slug
+from .document.geojson import to_geojson
+from .document.measurement import to_json
+from .document.slices_csv import write_slices
+from .wording.units import Units, display_units, ground_units
+from .wording.words import printable, slug
 
 __all__ = ["require_writable", "write_report"]
 
@@ -97,7 +97,7 @@ def _write_all(measurement: Measurement, working: Path, units: Units) -> List[st
     pictures = _draw_areas(measurement, working, units)
     overview = _draw_overview(measurement, working, units)
     scale = _draw_scale(measurement, working, units)
-    from .htmlout import render_html
+    from .page.page import render_html
 
     with (working / "report.html").open("w", encoding="utf-8") as file:
         file.writelines(render_html(measurement, units, pictures, overview, scale))
@@ -112,7 +112,9 @@ def _write_json(path: Path, document: object) -> None:
 
 
 def _draw_areas(measurement: Measurement, working: Path, units: Units) -> Dict[int, Path]:
-    from .pictures import area_picture  # late: matplotlib is slow to load, and JSON needs none
+    from .figures.pictures import (
+        area_picture,  # late: matplotlib is slow to load, and JSON needs none
+    )
 
     drawn = {}
     for index, result in enumerate(measurement.results):
@@ -124,7 +126,7 @@ def _draw_areas(measurement: Measurement, working: Path, units: Units) -> Dict[i
 
 
 def _draw_overview(measurement: Measurement, working: Path, units: Units) -> Optional[Path]:
-    from .pictures import overview_picture
+    from .figures.pictures import overview_picture
 
     png = overview_picture(measurement, units)
     if png is None:
@@ -137,7 +139,7 @@ def _draw_overview(measurement: Measurement, working: Path, units: Units) -> Opt
 def _draw_scale(measurement: Measurement, working: Path, units: Units) -> Optional[Path]:
     if measurement.scale is None:
         return None
-    from .scale_plan import scale_plan
+    from .figures.control.figure import scale_plan
 
     path = _free(working, "scale")
     scale_plan(measurement.scale, path, ground_units(units))

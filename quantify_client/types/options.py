@@ -15,8 +15,8 @@ class Options:
     """Everything that decides a measurement; each field is a command-line option of the same name.
 
     ``slices`` is ``"auto"`` or a positive number; ``base`` one of the names in
-    :mod:`quantify_client.volcalc.base`, ``"compare"`` or an elevation in metres; ``floor`` is
-    ``"auto"``, ``"none"``, ``"plane"`` or an elevation in metres; ``max_gap`` is in metres;
+    :mod:`quantify_client.volcalc.terrain.base`, ``"compare"`` or an elevation in metres; ``floor``
+    is ``"auto"``, ``"none"``, ``"plane"`` or an elevation in metres; ``max_gap`` is in metres;
     ``accuracy``, of the faces of a mesh, is in metres; ``density`` is in t/m3. ``gcp`` is a control
     file; ``area_frame`` and ``scale_mode`` go with it.
     ``crs`` (``EPSG:n``, WKT, a PROJ string or a file with one) and ``vertical_unit`` go before what

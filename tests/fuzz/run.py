@@ -31,7 +31,7 @@ from fuzz.process import Run, keep  # noqa: E402
 
 _LATE = (
     *("laspy", "pyogrio.raw", "scipy.spatial", "quantify_client.cli"),
-    *("quantify_client.commands.jobs", "quantify_client.report.htmlout"),
+    *("quantify_client.commands.jobs", "quantify_client.report.page.page"),
 )
 
 

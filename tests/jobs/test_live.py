@@ -24,7 +24,7 @@ from photographs import all_zip, photographs
 from quantify_client.errors import JobError, ServerError
 from quantify_client.jobs import Pace, cancel_job, create_job, plan_job, run_job
 from quantify_client.jobs.journal import load
-from quantify_client.sfm.node import Node, TaskLostError, TaskStatus
+from quantify_client.sfm.servers.nodeodm import Node, TaskLostError, TaskStatus
 
 URL, TOKEN = os.environ.get("NODEODM_URL"), os.environ.get("NODEODM_TOKEN")
 PACE = Pace(poll_s=0.2 if URL else 0.02, pause_s=0.3 if URL else 0.01, silence_s=10.0)

@@ -20,7 +20,7 @@ from quantify_client.errors import JobError, ServerError
 from quantify_client.jobs import Confirmed, cancel_job, create_job, plan_job, run_job
 from quantify_client.jobs.journal import load
 from quantify_client.jobs.own import is_own, records_folder
-from quantify_client.sfm.access import Access
+from quantify_client.sfm.servers.access import Access
 
 # Servers, sizes and words: no different on a second Python.
 pytestmark = pytest.mark.one_python

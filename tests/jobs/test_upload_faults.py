@@ -8,7 +8,7 @@ from photographs import photographs
 from quantify_client.errors import JobError, ServerError
 from quantify_client.jobs import upload
 from quantify_client.jobs.journal import SentLog, load
-from quantify_client.sfm import multipart
+from quantify_client.sfm.servers import multipart
 
 # Servers, sizes and words: no different on a second Python.
 pytestmark = pytest.mark.one_python

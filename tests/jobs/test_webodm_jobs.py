@@ -10,7 +10,7 @@ from webodm import CANCELED, COMPLETED, FAILED, PASSWORD, USER, VIEWER, WebODM
 from quantify_client.errors import InputError, JobError, ServerError, UsageError
 from quantify_client.jobs import cancel_job, create_job, plan_job, run_job
 from quantify_client.jobs.journal import load
-from quantify_client.sfm.access import Access
+from quantify_client.sfm.servers.access import Access
 
 # Servers, sizes and words: no different on a second Python.
 pytestmark = pytest.mark.one_python

@@ -20,8 +20,8 @@ from quantify_client.errors import JobError
 from quantify_client.jobs import Pace, cancel_job, create_job, plan_job, run_job
 from quantify_client.jobs.journal import load
 from quantify_client.pipeline import describe
-from quantify_client.sfm.access import Access
-from quantify_client.sfm.webodm import WebODM as WebODMServer
+from quantify_client.sfm.servers.access import Access
+from quantify_client.sfm.servers.webodm import WebODM as WebODMServer
 
 LIVE = {
     name: os.environ.get(f"WEBODM_{name}")

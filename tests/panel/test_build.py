@@ -6,8 +6,8 @@ import subprocess
 
 import pytest
 
-from quantify_client.report.kinds import in_units
-from quantify_client.report.units import named_units
+from quantify_client.report.wording.kinds import in_units
+from quantify_client.report.wording.units import named_units
 
 from .conftest import PUBLIC, REPOSITORY
 

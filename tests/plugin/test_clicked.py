@@ -10,7 +10,7 @@ from visitors import lon_lat
 
 from quantify_client import measure
 from quantify_client.errors import ControlError
-from quantify_client.pipeline.clicked import bars_control
+from quantify_client.webmap.clicked import bars_control
 
 EAST, NORTH = 576_700.0, 5_188_150.0
 

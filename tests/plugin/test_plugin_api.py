@@ -11,7 +11,7 @@ import shapely
 from visitors import API, PLACE, ROUND, lon_lat
 
 from quantify_client import measure
-from quantify_client.geojson import geojson_outlines
+from quantify_client.areas.geojson import geojson_outlines
 
 
 @pytest.fixture(scope="module")

@@ -13,8 +13,8 @@ import pytest
 from visitors import ROUND
 
 from quantify_client import measure, to_json
-from quantify_client.report.layers import map_layers
-from quantify_client.report.saved import exported
+from quantify_client.report.document.saved import exported
+from quantify_client.webmap.layers import map_layers
 
 PLUGIN = Path(__file__).parents[2] / "plugin"
 VALUES = [

@@ -88,7 +88,7 @@ def test_zip_has_one_folder_with_what_webodm_needs_and_no_sources_of_the_panel(a
     assert {name.partition("/")[0] for name in found} == {"volcalc"}
     inner = {name.partition("/")[2] for name in found}
     assert inner >= {"__init__.py", "plugin.py", "manifest.json", "requirements.txt", "job.py"}
-    assert inner >= {"quantify_client/pipeline/run.py", "quantify_client/report/report.css"}
+    assert inner >= {"quantify_client/pipeline/run.py", "quantify_client/report/page/report.css"}
     bad = re.compile(r"(^|/)(panel|node_modules|__pycache__|demo|tests|\.[^/]*)(/|$)|\.laz$")
     assert [name for name in inner if bad.search(name)] == []
     assert "public/package.json" not in inner  # WebODM would run npm
@@ -193,8 +193,8 @@ def test_measuring_and_its_layers_need_no_drawing_terminal_or_server_packages(un
     code = (
         "from plugins.volcalc.quantify_client.pipeline import measure\n"
         "from plugins.volcalc.quantify_client.pipeline import clicked\n"
-        "from plugins.volcalc.quantify_client.report.jsonout import to_json\n"
-        "from plugins.volcalc.quantify_client.report.layers import map_layers\n"
+        "from plugins.volcalc.quantify_client.report.document.measurement import to_json\n"
+        "from plugins.volcalc.quantify_client.webmap.layers import map_layers\n"
         f"found = measure({str(cloud)!r}, area={str(areas)!r})\n"
         "assert map_layers(found)[0]['relief'], found\n"
         "print(to_json(found)['provenance']['version'])\n"
@@ -207,7 +207,7 @@ def test_measuring_and_its_layers_need_no_drawing_terminal_or_server_packages(un
 
 def test_exports_need_nothing_that_webodm_has_not(unpacked):
     (unpacked / "plugins" / "volcalc" / "__init__.py").write_text("")
-    code = "import plugins.volcalc.quantify_client.report.saved\n"
+    code = "import plugins.volcalc.quantify_client.report.document.saved\n"
     absent = ("shapely", "laspy", "pyproj", "yaml", "scipy", "matplotlib", "rich", "PIL")
     run(code, absent, unpacked)
 

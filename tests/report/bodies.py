@@ -8,7 +8,7 @@ from typing import Any, Callable, Dict, List, Sequence, Tuple
 
 import numpy as np
 
-from quantify_client.report.units import THIN_SPACE
+from quantify_client.report.wording.units import THIN_SPACE
 from quantify_client.types import (
     AreaResult,
     BudgetItem,

@@ -16,12 +16,12 @@ from matplotlib.figure import Figure
 from matplotlib.path import Path as DrawnPath
 from PIL import Image
 
-from quantify_client.report import pictures
-from quantify_client.report.body_profile import draw_convergence, draw_heights
-from quantify_client.report.multiples import draw_sections
-from quantify_client.report.outlines import chosen, even_odd, sections_of
-from quantify_client.report.stack import draw_stack
-from quantify_client.report.units import METRIC, US
+from quantify_client.report.figures import pictures
+from quantify_client.report.figures.body.multiples import draw_sections
+from quantify_client.report.figures.body.outlines import chosen, even_odd, sections_of
+from quantify_client.report.figures.body.profile import draw_convergence, draw_heights
+from quantify_client.report.figures.body.stack import draw_stack
+from quantify_client.report.wording.units import METRIC, US
 from quantify_client.types import AreaResult
 
 from . import bodies, surveys

@@ -13,8 +13,8 @@ from typing import Any, Dict, List
 import numpy as np
 import pytest
 
-from quantify_client.report.units import METRIC
-from quantify_client.report.view import view_markup
+from quantify_client.report.page.view import view_markup
+from quantify_client.report.wording.units import METRIC
 from quantify_client.types import Floor
 
 from . import bodies, surveys

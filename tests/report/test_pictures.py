@@ -13,11 +13,12 @@ import pytest
 import shapely
 from PIL import Image
 
-from quantify_client.report import pictures, shading
-from quantify_client.report.look import drawable, nice_step
-from quantify_client.report.plan import contour_levels
-from quantify_client.report.section import longest_direction, section_of
-from quantify_client.report.units import display_units
+from quantify_client.report.figures import pictures
+from quantify_client.report.figures.look import drawable, nice_step
+from quantify_client.report.figures.terrain import shading
+from quantify_client.report.figures.terrain.plan import contour_levels
+from quantify_client.report.figures.terrain.section import longest_direction, section_of
+from quantify_client.report.wording.units import display_units
 from quantify_client.types import Relief
 
 from . import surveys

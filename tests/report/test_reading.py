@@ -13,9 +13,16 @@ from rich.console import Console
 
 from quantify_client.errors import InputError
 from quantify_client.report import print_table
-from quantify_client.report.htmlout import render_html
-from quantify_client.report.units import MINUS, NOTHING, THIN_SPACE, display_units, fixed, number
-from quantify_client.report.words import coverage_words, printable, slug
+from quantify_client.report.page.page import render_html
+from quantify_client.report.wording.units import (
+    MINUS,
+    NOTHING,
+    THIN_SPACE,
+    display_units,
+    fixed,
+    number,
+)
+from quantify_client.report.wording.words import coverage_words, printable, slug
 
 from . import scalings, surveys
 

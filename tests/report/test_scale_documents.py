@@ -12,7 +12,8 @@ from typing import Any, Dict, Optional
 import jsonschema
 import pytest
 
-from quantify_client.report import scale_document, scale_json, to_json
+from quantify_client.report import scale_document, to_json
+from quantify_client.report.document import scaling as scale_json
 from quantify_client.types import Scaling
 
 from . import scalings, surveys

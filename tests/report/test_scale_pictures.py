@@ -12,10 +12,10 @@ import pytest
 from PIL import Image
 
 from quantify_client.report import write_report
-from quantify_client.report.scale_map import residual_colours
-from quantify_client.report.scale_plan import scale_plan, scale_png
-from quantify_client.report.scale_site import site_of
-from quantify_client.report.units import METRIC, US
+from quantify_client.report.figures.control.figure import scale_plan, scale_png
+from quantify_client.report.figures.control.map import residual_colours
+from quantify_client.report.figures.control.site import site_of
+from quantify_client.report.wording.units import METRIC, US
 from quantify_client.types import Scaling
 
 from . import scalings, surveys

@@ -12,19 +12,20 @@ import pytest
 from rich.console import Console
 
 from quantify_client.errors import InputError, OutputError
-from quantify_client.report import print_scaling, scale_page, write_scale_report
-from quantify_client.report.htmlout import render_html
-from quantify_client.report.markup import details
-from quantify_client.report.scale_markup import scale_section
-from quantify_client.report.scale_rows import rows_of, worst
-from quantify_client.report.scale_words import (
+from quantify_client.report import print_scaling, write_scale_report
+from quantify_client.report.page import scale_page
+from quantify_client.report.page.markup import details
+from quantify_client.report.page.page import render_html
+from quantify_client.report.page.scaling import scale_section
+from quantify_client.report.wording.observations import rows_of, worst
+from quantify_client.report.wording.scaling import (
     contradicted,
     error_words,
     factor_words,
     mode_words,
     percent,
 )
-from quantify_client.report.units import METRIC, THIN_SPACE, US
+from quantify_client.report.wording.units import METRIC, THIN_SPACE, US
 from quantify_client.types import DirectHeight, Scaling
 
 from . import scalings, surveys

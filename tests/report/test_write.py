@@ -11,7 +11,8 @@ import pytest
 from PIL import Image
 
 from quantify_client.errors import OutputError
-from quantify_client.report import htmlout, write_report
+from quantify_client.report import write_report
+from quantify_client.report.page import page as htmlout
 
 from . import surveys
 

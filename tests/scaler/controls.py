@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from quantify_client.errors import ControlError
-from quantify_client.scaler.control import read_control
+from quantify_client.scaler.control.read import read_control
 
 EXAMPLE = """\
 crs: EPSG:4326

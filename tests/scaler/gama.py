@@ -9,7 +9,7 @@ from typing import Dict, List, Tuple
 
 import numpy as np
 
-from quantify_client.scaler.network import Network
+from quantify_client.scaler.adjustment.network import Network
 
 POSITIONS = {
     "A": (999.976, 1999.960),

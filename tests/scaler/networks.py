@@ -9,8 +9,8 @@ from typing import Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from quantify_client.scaler.network import Network
-from quantify_client.scaler.solution import Adjustment
+from quantify_client.scaler.adjustment.network import Network
+from quantify_client.scaler.adjustment.solve import Adjustment
 
 SCALE = 1.0 / 0.83
 """True length / length in the cloud."""

@@ -10,7 +10,12 @@ import numpy as np
 import pytest
 from networks import Tape, network_of, survey
 
-from quantify_client.scaler.account import (
+from quantify_client.scaler.adjustment.fit import fit
+from quantify_client.scaler.adjustment.network import Freedom, Network
+from quantify_client.scaler.adjustment.outliers import adjust
+from quantify_client.scaler.adjustment.solve import Adjustment
+from quantify_client.scaler.adjustment.start import starts
+from quantify_client.scaler.adjustment.summary import (
     carried_by,
     conflict,
     judgements,
@@ -18,11 +23,6 @@ from quantify_client.scaler.account import (
     point_std,
     root_mean_square,
 )
-from quantify_client.scaler.adjust import adjust
-from quantify_client.scaler.fit import fit
-from quantify_client.scaler.network import Freedom, Network
-from quantify_client.scaler.solution import Adjustment
-from quantify_client.scaler.start import starts
 from quantify_client.types import ScaleObservation
 
 PLACES = {"A": (0.0, 0.0), "B": (10.0, 0.0)}

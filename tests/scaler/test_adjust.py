@@ -11,12 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from networks import SCALE, Survey, Tape, network_of, outliers, survey
 
-from quantify_client.scaler.account import conflict, observations
-from quantify_client.scaler.adjust import adjust
-from quantify_client.scaler.fit import fit
-from quantify_client.scaler.network import Freedom, Network
-from quantify_client.scaler.solution import Adjustment
-from quantify_client.scaler.start import starts
+from quantify_client.scaler.adjustment.fit import fit
+from quantify_client.scaler.adjustment.network import Freedom, Network
+from quantify_client.scaler.adjustment.outliers import adjust
+from quantify_client.scaler.adjustment.solve import Adjustment
+from quantify_client.scaler.adjustment.start import starts
+from quantify_client.scaler.adjustment.summary import conflict, observations
 
 WHOLE = Freedom(3, shift_xy=True, shift_z=False)
 SMALL = survey(5, points=6, tapes=8, levelled=3)

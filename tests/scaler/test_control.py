@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from controls import EXAMPLE, as_json, control, refusal
 
-from quantify_client.scaler.control import read_control
-from quantify_client.scaler.nouns import CloudPosition, ControlPoint, Length, Pick
+from quantify_client.scaler.control.model import CloudPosition, ControlPoint, Length, Pick
+from quantify_client.scaler.control.read import read_control
 
 COPR = Path(__file__).resolve().parents[3] / "shared/data/copr_gcps"
 NEEDS_COPR = pytest.mark.skipif(

@@ -14,8 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quantify_client.errors import ControlError
-from quantify_client.scaler import trees
-from quantify_client.scaler.control import read_control
+from quantify_client.scaler.control import syntax as trees
+from quantify_client.scaler.control.read import read_control
 
 # Servers, sizes and words: no different on a second Python.
 pytestmark = pytest.mark.one_python

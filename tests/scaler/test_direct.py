@@ -10,9 +10,13 @@ import pytest
 from networks import Tape, network_of
 
 from quantify_client.crs import local_frame
-from quantify_client.scaler.direct import direct_height, direct_heights, relative_elevations
-from quantify_client.scaler.nouns import Control, ControlPoint, Length
-from quantify_client.scaler.survey import build_network
+from quantify_client.scaler.adjustment.build import build_network
+from quantify_client.scaler.adjustment.direct import (
+    direct_height,
+    direct_heights,
+    relative_elevations,
+)
+from quantify_client.scaler.control.model import Control, ControlPoint, Length
 from quantify_client.types import DirectHeight
 
 AB = ("A", "B")

@@ -10,8 +10,8 @@ import pytest
 from networks import Tape, network_of, survey
 
 from quantify_client.errors import ControlError
-from quantify_client.scaler.elevations import solve_elevations
-from quantify_client.scaler.network import Network
+from quantify_client.scaler.adjustment.elevations import solve_elevations
+from quantify_client.scaler.adjustment.network import Network
 
 # B is 3 m above A, C 5 m above B, D 2 m below C.
 UP = {"A": 0.0, "B": 3.0, "C": 8.0, "D": 6.0}

@@ -12,9 +12,9 @@ from networks import SCALE, Tape, network_of, outliers, survey, with_two_gross_e
 from scipy.spatial.transform import Rotation
 
 from quantify_client.errors import ControlError
-from quantify_client.scaler.direct import direct_heights
-from quantify_client.scaler.fit import Fit, fit
-from quantify_client.scaler.network import Network
+from quantify_client.scaler.adjustment.direct import direct_heights
+from quantify_client.scaler.adjustment.fit import Fit, fit
+from quantify_client.scaler.adjustment.network import Network
 
 UPRIGHT = Rotation.from_euler("z", 40, degrees=True).as_matrix()
 

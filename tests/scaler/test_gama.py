@@ -10,7 +10,7 @@ import gama
 import numpy as np
 import pytest
 
-from quantify_client.scaler.elevations import Elevations, solve_elevations
+from quantify_client.scaler.adjustment.elevations import Elevations, solve_elevations
 
 GAMA = os.environ.get("GAMA_LOCAL") or shutil.which("gama-local")
 

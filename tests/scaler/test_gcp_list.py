@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from quantify_client.crs import positions_to
 from quantify_client.errors import ControlError, OutputError
-from quantify_client.scaler.control import read_control
-from quantify_client.scaler.gcp_list import write_gcp_list
-from quantify_client.scaler.nouns import ControlPoint, Pick
+from quantify_client.scaler.control.gcp_list import write_gcp_list
+from quantify_client.scaler.control.model import ControlPoint, Pick
+from quantify_client.scaler.control.read import read_control
 
 # Servers, sizes and words: no different on a second Python.
 pytestmark = pytest.mark.one_python

@@ -10,8 +10,8 @@ import pytest
 from networks import Tape, network_of, survey
 from scipy.spatial.transform import Rotation
 
-from quantify_client.scaler.network import Freedom, Model, State
-from quantify_client.scaler.start import scale_of_lengths, starts
+from quantify_client.scaler.adjustment.network import Freedom, Model, State
+from quantify_client.scaler.adjustment.start import scale_of_lengths, starts
 
 LARGE = Rotation.from_rotvec([1.2, -2.0, 0.7]).as_matrix()
 FREEDOMS = [

@@ -10,7 +10,7 @@ import pytest
 from networks import survey
 
 from quantify_client.errors import ControlError
-from quantify_client.scaler.fit import Fit, fit
+from quantify_client.scaler.adjustment.fit import Fit, fit
 
 
 def lengthened(factor: float, **options: float) -> Tuple[Fit, float]:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from quantify_client.errors import ControlError
-from quantify_client.scaler.similarity import (
+from quantify_client.scaler.adjustment.similarity import (
     Similarity,
     fit_heading,
     fit_similarity,

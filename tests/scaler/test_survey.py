@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from quantify_client.crs import local_frame
-from quantify_client.scaler.nouns import CloudPosition, Control, ControlPoint, Length
-from quantify_client.scaler.survey import CloudPlace, build_network, reference_elevation
+from quantify_client.scaler.adjustment.build import CloudPlace, build_network, reference_elevation
+from quantify_client.scaler.control.model import CloudPosition, Control, ControlPoint, Length
 
 SITE = local_frame("EPSG:32632", 691_000.0, 5_335_000.0, 520.0)
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from quantify_client.errors import ControlError
-from quantify_client.scaler.control import read_control
-from quantify_client.scaler.nouns import CloudPosition, ControlPoint, Length
+from quantify_client.scaler.control.model import CloudPosition, ControlPoint, Length
+from quantify_client.scaler.control.read import read_control
 
 # Servers, sizes and words: no different on a second Python.
 pytestmark = pytest.mark.one_python

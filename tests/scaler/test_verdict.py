@@ -9,11 +9,11 @@ import pytest
 from networks import survey
 
 from quantify_client.errors import ControlError
-from quantify_client.scaler.fit import fit
-from quantify_client.scaler.network import Freedom, Model, Network
-from quantify_client.scaler.rivals import held_against_positions
-from quantify_client.scaler.solution import Adjustment, minimise, solved
-from quantify_client.scaler.start import starts
+from quantify_client.scaler.adjustment.between_groups import held_against_positions
+from quantify_client.scaler.adjustment.fit import fit
+from quantify_client.scaler.adjustment.network import Freedom, Model, Network
+from quantify_client.scaler.adjustment.solve import Adjustment, minimise, solved
+from quantify_client.scaler.adjustment.start import starts
 
 pytestmark = pytest.mark.one_python
 

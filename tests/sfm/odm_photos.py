@@ -9,9 +9,9 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from quantify_client.scaler.nouns import Pick
-from quantify_client.sfm.camera_models import Camera, project
-from quantify_client.sfm.cameras import Shot, Shots, read_shots
+from quantify_client.scaler.control.model import Pick
+from quantify_client.sfm.photos.camera_models import Camera, project
+from quantify_client.sfm.photos.cameras import Shot, Shots, read_shots
 
 SITE = np.array([437_000.0, 4_572_800.0, 210.0])  # UTM-sized
 NAME = "v2 maker model 4000 3000 brown 0.85"

@@ -8,10 +8,10 @@ import pytest
 from nodeodm import OPTIONS
 
 from quantify_client.errors import QuantifyError
-from quantify_client.sfm.access import Access
-from quantify_client.sfm.node import Node
-from quantify_client.sfm.presets import choose_options
-from quantify_client.sfm.webodm_tasks import WebODMTasks
+from quantify_client.sfm.servers.access import Access
+from quantify_client.sfm.servers.nodeodm import Node
+from quantify_client.sfm.servers.presets import choose_options
+from quantify_client.sfm.servers.webodm_tasks import WebODMTasks
 
 # Servers, sizes and words: no different on a second Python.
 pytestmark = pytest.mark.one_python

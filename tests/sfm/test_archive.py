@@ -16,8 +16,8 @@ import pytest
 from clouds import ORIGIN, points, read_all, write_las
 
 from quantify_client.errors import CloudError
-from quantify_client.sfm import archive
-from quantify_client.sfm.outputs import open_source
+from quantify_client.sfm.odm import archive
+from quantify_client.source import open_source
 
 # Servers, sizes and words: no different on a second Python.
 pytestmark = pytest.mark.one_python

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from odm_photos import CAMERAS
 
-from quantify_client.sfm import camera_models
-from quantify_client.sfm.camera_models import Camera, bearings, pixel_difference, project
+from quantify_client.sfm.photos import camera_models
+from quantify_client.sfm.photos.camera_models import Camera, bearings, pixel_difference, project
 
 MODELS = sorted(CAMERAS)
 

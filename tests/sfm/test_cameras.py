@@ -12,8 +12,8 @@ import pytest
 from odm_photos import CAMERAS, NAME, SITE, camera_entry, feature, write_shots
 
 from quantify_client.errors import ControlError
-from quantify_client.sfm import json_files
-from quantify_client.sfm.cameras import read_control_positions, read_shots
+from quantify_client.sfm.odm import json_files
+from quantify_client.sfm.photos.cameras import read_control_positions, read_shots
 
 DOWN = [math.pi, 0.0, 0.0]
 BROWN = {**camera_entry(CAMERAS["brown"]), "focal_x": 0.85}

@@ -8,9 +8,9 @@ from nodeodm import NodeODM
 from photographs import all_zip
 
 from quantify_client.errors import ServerError
-from quantify_client.sfm import saving
-from quantify_client.sfm.http import OutageError, Server
-from quantify_client.sfm.node import Node
+from quantify_client.sfm.servers import saving
+from quantify_client.sfm.servers.http import OutageError, Server
+from quantify_client.sfm.servers.nodeodm import Node
 
 # Servers, sizes and words: no different on a second Python.
 pytestmark = pytest.mark.one_python

@@ -19,13 +19,13 @@ from photographs import all_zip
 from quantify_client.errors import OutputError, ServerError
 from quantify_client.jobs import fetching
 from quantify_client.jobs.journal import Job, SentFile
-from quantify_client.sfm import saving
-from quantify_client.sfm.access import Access
-from quantify_client.sfm.faults import OutageError
-from quantify_client.sfm.http import Server
-from quantify_client.sfm.node import ArchiveError, Node
-from quantify_client.sfm.webodm_tasks import WebODMTasks
-from quantify_client.sfm.zips import zip_fault
+from quantify_client.sfm.servers import saving
+from quantify_client.sfm.servers.access import Access
+from quantify_client.sfm.servers.faults import OutageError
+from quantify_client.sfm.servers.http import Server
+from quantify_client.sfm.servers.nodeodm import ArchiveError, Node
+from quantify_client.sfm.servers.webodm_tasks import WebODMTasks
+from quantify_client.sfm.servers.zips import zip_fault
 
 # Servers, sizes and words: no different on a second Python.
 pytestmark = pytest.mark.one_python

@@ -9,16 +9,16 @@ from nodeodm import TOKEN, NodeODM
 from photographs import all_zip
 
 from quantify_client.errors import InputError, OutputError, QuantifyError, ServerError
-from quantify_client.sfm import http, saving
-from quantify_client.sfm.http import OutageError, RefusedError, Server
-from quantify_client.sfm.node import (
+from quantify_client.sfm.servers import http, saving
+from quantify_client.sfm.servers.http import OutageError, RefusedError, Server
+from quantify_client.sfm.servers.nodeodm import (
     ArchiveError,
     Node,
     TaskLostError,
     TaskStatus,
     split_token,
 )
-from quantify_client.sfm.zips import zip_fault
+from quantify_client.sfm.servers.zips import zip_fault
 
 # Servers, sizes and words: no different on a second Python.
 pytestmark = pytest.mark.one_python

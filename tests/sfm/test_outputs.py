@@ -12,7 +12,7 @@ import pytest
 from clouds import ORIGIN, points, read_all, write_ept, write_las, write_ply
 
 from quantify_client.errors import CloudError
-from quantify_client.sfm.outputs import open_source
+from quantify_client.source import open_source
 
 COORDS = f"WGS84 UTM 15N\n{ORIGIN[0]:.0f} {ORIGIN[1]:.0f}\n"
 PROJ = "+proj=utm +zone=15 +datum=WGS84 +units=m +no_defs +type=crs\n"

@@ -11,9 +11,9 @@ from photographs import photograph, photographs
 from PIL import Image
 
 from quantify_client.errors import InputError, JobError
-from quantify_client.sfm.multipart import FileBody
-from quantify_client.sfm.photo_files import header, kind_of
-from quantify_client.sfm.photos import check_photos
+from quantify_client.sfm.photos.check import check_photos
+from quantify_client.sfm.photos.formats import header, kind_of
+from quantify_client.sfm.servers.multipart import FileBody
 
 # Servers, sizes and words: no different on a second Python.
 pytestmark = pytest.mark.one_python

@@ -8,7 +8,7 @@ from photographs import photograph, photographs
 from PIL import Image
 
 from quantify_client.errors import InputError
-from quantify_client.sfm.photos import check_photos
+from quantify_client.sfm.photos.check import check_photos
 
 # Servers, sizes and words: no different on a second Python.
 pytestmark = pytest.mark.one_python

@@ -13,10 +13,10 @@ import pytest
 from odm_photos import CAMERAS, NAME, SITE, camera_entry, feature, flight, picks_of, write_shots
 
 from quantify_client.errors import ControlError, UsageError
-from quantify_client.scaler.nouns import Pick
-from quantify_client.sfm.camera_models import Camera
-from quantify_client.sfm.cameras import Shots, read_shots
-from quantify_client.sfm.triangulation import Sighting, triangulate
+from quantify_client.scaler.control.model import Pick
+from quantify_client.sfm.photos.camera_models import Camera
+from quantify_client.sfm.photos.cameras import Shots, read_shots
+from quantify_client.sfm.photos.triangulate import Sighting, triangulate
 
 TARGET = SITE + np.array([3.0, -4.0, 1.5])
 DOWN = [math.pi, 0.0, 0.0]

@@ -7,12 +7,12 @@ import pytest
 from webodm import PASSWORD, USER, VIEWER, WebODM
 
 from quantify_client.errors import CloudError, ServerError, UsageError
-from quantify_client.sfm import webodm
-from quantify_client.sfm.access import Access
-from quantify_client.sfm.http import OutageError, StatusError
-from quantify_client.sfm.webodm import WebODM as Client
-from quantify_client.sfm.webodm import task_address
-from quantify_client.sfm.webodm_tasks import WebODMTasks
+from quantify_client.sfm.servers import webodm
+from quantify_client.sfm.servers.access import Access
+from quantify_client.sfm.servers.http import OutageError, StatusError
+from quantify_client.sfm.servers.webodm import WebODM as Client
+from quantify_client.sfm.servers.webodm import task_address
+from quantify_client.sfm.servers.webodm_tasks import WebODMTasks
 
 # Servers, sizes and words: no different on a second Python.
 pytestmark = pytest.mark.one_python

@@ -8,8 +8,8 @@ import numpy as np
 import shapely.affinity
 
 from quantify_client.types import Window
-from quantify_client.volcalc.grid import CellWindow
-from quantify_client.volcalc.heights import MARGIN, CellHeights
+from quantify_client.volcalc.terrain.grid import CellWindow
+from quantify_client.volcalc.terrain.heights import MARGIN, CellHeights
 
 EAST, NORTH, LEVEL = 576_700.0, 5_188_140.0, 160.0
 CELL = 0.25

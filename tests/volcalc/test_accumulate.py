@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from quantify_client.types import Window
-from quantify_client.volcalc import accumulate
-from quantify_client.volcalc.accumulate import TerrainAccumulator
+from quantify_client.volcalc.terrain import accumulate
+from quantify_client.volcalc.terrain.accumulate import TerrainAccumulator
 
 EAST, NORTH = 576_700.0, 5_188_140.0
 CLOUD = Window(EAST, NORTH, EAST + 100, NORTH + 80)

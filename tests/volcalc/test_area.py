@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from quantify_client.volcalc.area import ring_areas, shoelace
+from quantify_client.volcalc.paper.area import ring_areas, shoelace
 
 EAST, NORTH = 576_710.5, 5_188_139.0
 

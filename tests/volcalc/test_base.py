@@ -9,9 +9,9 @@ import pytest
 import shapely
 from shapely.geometry import Point, Polygon, box
 
-from quantify_client.volcalc.base import BASES, make_base
-from quantify_client.volcalc.cells import cell_fractions, polygons_of
-from quantify_client.volcalc.rim import sample_rim
+from quantify_client.volcalc.terrain.base import BASES, make_base
+from quantify_client.volcalc.terrain.cells import cell_fractions, polygons_of
+from quantify_client.volcalc.terrain.rim import sample_rim
 
 from .grounds import EAST, LEVEL, NORTH, at_site, centres, ground_under
 

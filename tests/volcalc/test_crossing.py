@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from shapely.geometry import Point, box
 
-from quantify_client.volcalc.cells import cell_fractions, polygons_of
-from quantify_client.volcalc.crossing import bridge_crossings
-from quantify_client.volcalc.rim import sample_rim
+from quantify_client.volcalc.terrain.cells import cell_fractions, polygons_of
+from quantify_client.volcalc.terrain.crossing import bridge_crossings
+from quantify_client.volcalc.terrain.rim import sample_rim
 
 from .grounds import EAST, LEVEL, NORTH, at_site, ground_under
 

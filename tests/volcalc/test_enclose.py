@@ -7,7 +7,7 @@ import pytest
 from scans import OFFSET, Flaws, scan
 from solids import BODIES, box_part, cup, hollow_ball, sphere
 
-from quantify_client.volcalc.enclose import Enclosed, Open, enclose
+from quantify_client.volcalc.body.enclose import Enclosed, Open, enclose
 
 SPHERE, HOLLOW_BALL, CUP = sphere(), hollow_ball(), cup(inner=0.3, floor=0.2)
 BESIDE = np.array([2.0, 0.0, 0.0])

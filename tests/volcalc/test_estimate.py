@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from quantify_client.volcalc.enclose import Enclosed
-from quantify_client.volcalc.estimate import estimate, tells
-from quantify_client.volcalc.sections import Surface
+from quantify_client.volcalc.body.enclose import Enclosed
+from quantify_client.volcalc.body.estimate import estimate, tells
+from quantify_client.volcalc.body.sections import Surface
 
 NOTHING = Surface(
     corners=np.empty((0, 3, 3)),

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 from solids import cube, sphere, table
 
-from quantify_client.volcalc.floor import Plane, Pose, find_plane, is_ground, lid
+from quantify_client.volcalc.body.floor import Plane, Pose, find_plane, is_ground, lid
 
 
 def spacing_of(points):

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quantify_client.types import Window
-from quantify_client.volcalc.grid import CellWindow, binary_cell
+from quantify_client.volcalc.terrain.grid import CellWindow, binary_cell
 
 EAST, NORTH = 576_700.0, 5_188_140.0
 AROUND = Window(EAST, NORTH, EAST + 40.0, NORTH + 30.0)

@@ -8,8 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from quantify_client.types import Window
-from quantify_client.volcalc.accumulate import TerrainAccumulator
-from quantify_client.volcalc.heights import MARGIN, cell_heights, fill_gaps, fit_cells, support
+from quantify_client.volcalc.terrain.accumulate import TerrainAccumulator
+from quantify_client.volcalc.terrain.heights import (
+    MARGIN,
+    cell_heights,
+    fill_gaps,
+    fit_cells,
+    support,
+)
 
 from .grounds import EAST, LEVEL, NORTH
 

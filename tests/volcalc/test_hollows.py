@@ -11,11 +11,11 @@ from scans import OFFSET, scan
 from scipy.spatial.transform import Rotation
 from solids import BODIES, cup
 
-from quantify_client.volcalc.hollows import water_levels
-from quantify_client.volcalc.pockets import find_pockets
-from quantify_client.volcalc.sections import surface_of
-from quantify_client.volcalc.spaces import find_spaces
-from quantify_client.volcalc.tetrahedra import Tetrahedra, tetrahedralize
+from quantify_client.volcalc.body.hollows import water_levels
+from quantify_client.volcalc.body.pockets import find_pockets
+from quantify_client.volcalc.body.sections import surface_of
+from quantify_client.volcalc.body.spaces import find_spaces
+from quantify_client.volcalc.body.tetrahedra import Tetrahedra, tetrahedralize
 
 CUP = cup(inner=0.3, floor=0.2)
 DEPTH = 0.8

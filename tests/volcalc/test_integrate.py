@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from quantify_client.errors import InputError
-from quantify_client.volcalc.integrate import (
+from quantify_client.volcalc.terrain.integrate import (
     MAX_SLICES,
     above_mask,
     integrate_slices,

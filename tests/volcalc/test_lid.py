@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from quantify_client.volcalc.floor import lid
+from quantify_client.volcalc.body.floor import lid
 
 
 def test_a_foot_that_is_a_line_gets_no_lid():

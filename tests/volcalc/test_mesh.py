@@ -19,8 +19,8 @@ from meshes import (
 from scipy.spatial.transform import Rotation
 
 from quantify_client.types import AreaResult, Faces
-from quantify_client.volcalc import mesh as mesh_module
-from quantify_client.volcalc.mesh import MeshRecipe, measure_mesh
+from quantify_client.volcalc.mesh import measure as mesh_module
+from quantify_client.volcalc.mesh.measure import MeshRecipe, measure_mesh
 
 TURN = Rotation.from_euler("xyz", [20, 30, 40], degrees=True).as_matrix()
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from quantify_client.volcalc.boxes import BoxTree, overlaps
-from quantify_client.volcalc.mesh_crossing import BITS, meeting, normals
+from quantify_client.volcalc.mesh.box_tree import BoxTree, overlaps
+from quantify_client.volcalc.mesh.intersections import BITS, meeting, normals
 
 pytestmark = pytest.mark.one_python
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import ndimage, optimize
 
-from quantify_client.volcalc.noise import (
+from quantify_client.volcalc.terrain.noise import (
     Noise,
     _non_negative,
     functional_std,

@@ -6,7 +6,7 @@ from scans import OFFSET, scan
 from scipy.spatial.transform import Rotation
 from solids import BODIES, cube, cup, sphere
 
-from quantify_client.volcalc.occupancy import occupancy_volume
+from quantify_client.volcalc.body.occupancy import occupancy_volume
 
 
 @pytest.mark.parametrize("name", ["sphere", "cube", "cube, rotated", "torus, lying"])

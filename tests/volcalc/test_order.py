@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quantify_client.volcalc.order import bounding_midpoints, counter_clockwise, polar_order
+from quantify_client.volcalc.paper.order import bounding_midpoints, counter_clockwise, polar_order
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,8 @@ import pytest
 
 from quantify_client.errors import SupportError
 from quantify_client.types import Window
-from quantify_client.volcalc.accumulate import TerrainAccumulator
-from quantify_client.volcalc.outline import cloud_outline
+from quantify_client.volcalc.terrain.accumulate import TerrainAccumulator
+from quantify_client.volcalc.terrain.outline import cloud_outline
 
 from .grounds import EAST, LEVEL, NORTH
 

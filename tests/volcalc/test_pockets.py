@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scans import OFFSET, Flaws, scan
 from solids import ball_part, sphere, two_spheres
 
-from quantify_client.volcalc.pockets import find_pockets
-from quantify_client.volcalc.tetrahedra import Tetrahedra, tetrahedralize
+from quantify_client.volcalc.body.pockets import find_pockets
+from quantify_client.volcalc.body.tetrahedra import Tetrahedra, tetrahedralize
 
 
 def landscape(count, passages):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from quantify_client.volcalc.robust import off_plane, quantile
+from quantify_client.volcalc.terrain.robust import off_plane, quantile
 
 
 @pytest.mark.parametrize("count", [1, 2, 7, 100])

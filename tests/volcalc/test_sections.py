@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from quantify_client.volcalc import tetrahedra
-from quantify_client.volcalc.sections import surface_of
-from quantify_client.volcalc.tetrahedra import tetrahedralize
+from quantify_client.volcalc.body import tetrahedra
+from quantify_client.volcalc.body.sections import surface_of
+from quantify_client.volcalc.body.tetrahedra import tetrahedralize
 
 LEVEL = 160.0
 """Elevation of the middle of the bodies; sections see x and y relative to the body, z not."""

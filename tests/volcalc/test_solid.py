@@ -10,8 +10,8 @@ from scans import OFFSET, Flaws, scan, volume_of
 from solids import BODIES, ball_part, box_part, cup, hollow_ball, mixed, sphere
 
 from quantify_client.errors import InputError
-from quantify_client.volcalc.solid import SolidRecipe, measure_solid
-from quantify_client.volcalc.voxels import Thinned
+from quantify_client.volcalc.body.measure import SolidRecipe, measure_solid
+from quantify_client.volcalc.body.voxels import Thinned
 
 # Bodies as a command measures them run on every Python in test_body_command.py.
 pytestmark = pytest.mark.one_python

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from solids import box_part, cube, sphere
 
 from quantify_client.errors import InputError
-from quantify_client.volcalc.standing import on_lowest_points, stand
+from quantify_client.volcalc.body.standing import on_lowest_points, stand
 
 COUNT = 2000
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scans import OFFSET, Flaws, scan
 from solids import BODIES
 
-from quantify_client.volcalc.strays import stray_points
+from quantify_client.volcalc.body.outliers import stray_points
 
 
 @pytest.mark.parametrize("count", [3000, 10_000])

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from quantify_client.types import Window
-from quantify_client.volcalc import surface
-from quantify_client.volcalc.accumulate import TerrainAccumulator
+from quantify_client.volcalc.terrain import histogram as surface
+from quantify_client.volcalc.terrain.accumulate import TerrainAccumulator
 
 EAST, NORTH = 576_700.0, 5_188_140.0
 AREA = Window(EAST, NORTH, EAST + 20, NORTH + 20)

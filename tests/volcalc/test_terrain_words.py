@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from quantify_client.volcalc.terrain_words import Doubts, words
+from quantify_client.volcalc.terrain.warnings import Doubts, words
 
 
 def said(doubts=None, coverage=1.0, cut=100.0, compared=False):

@@ -10,8 +10,8 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from quantify_client.errors import InputError
-from quantify_client.volcalc import tetrahedra
-from quantify_client.volcalc.tetrahedra import tetrahedralize
+from quantify_client.volcalc.body import tetrahedra
+from quantify_client.volcalc.body.tetrahedra import tetrahedralize
 
 
 def random_points(count, seed):

@@ -7,9 +7,9 @@ import pytest
 import shapely
 from shapely.geometry import Point, Polygon, box
 
-from quantify_client.volcalc.cells import cell_fractions, polygons_of
-from quantify_client.volcalc.rim import sample_rim
-from quantify_client.volcalc.tin import (
+from quantify_client.volcalc.terrain.cells import cell_fractions, polygons_of
+from quantify_client.volcalc.terrain.rim import sample_rim
+from quantify_client.volcalc.terrain.tin import (
     MAX_POINTS,
     PointSample,
     first_of,

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scans import OFFSET
 
-from quantify_client.volcalc import voxels
-from quantify_client.volcalc.voxels import Thinned, VoxelAccumulator, thin
+from quantify_client.volcalc.body import voxels
+from quantify_client.volcalc.body.voxels import Thinned, VoxelAccumulator, thin
 
 
 def cloud(count, seed=0):

@@ -1,0 +1,1 @@
+"""Outlines of the areas to be measured, from any file."""

@@ -1,0 +1,271 @@
+"""GeoJSON -> outlines, from files that nobody vouches for.
+
+Read leniently where the meaning is plain (unclosed rings, a third coordinate, old ``crs``
+members), refused in words where it is not. Whether a polygon can be measured is judged later, in
+:mod:`quantify_client.areas.read`.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass, field, replace
+from numbers import Real
+from pathlib import Path
+from typing import Any, Iterator, List, Mapping, Optional, Sequence, Tuple
+
+import numpy as np
+import shapely
+
+from ..errors import AreaError
+from ..files.reading import read_small
+from ..types import MAX_COORDINATE, FloatArray
+
+__all__ = [
+    "MAX_BYTES",
+    "MAX_POLYGONS",
+    "MAX_VERTICES",
+    "Outline",
+    "check_file",
+    "geojson_outlines",
+    "read_geojson",
+]
+
+MAX_BYTES = 100_000_000
+MAX_VERTICES = 1_000_000
+MAX_POLYGONS = 10_000
+_MAX_NESTING = 16
+_GEOMETRIES = "Point MultiPoint LineString MultiLineString Polygon MultiPolygon".split()
+
+
+@dataclass(frozen=True)
+class Outline:
+    """One polygon as it was drawn, or why there is none.
+
+    Attributes
+    ----------
+    label : the feature's name as it is in the file (anything), or None.
+    polygon : shapely Polygon or MultiPolygon in the file's coordinates, perhaps invalid; or None.
+    crs : what pyproj understands, or None when the file does not say.
+    problem : the reason when ``polygon`` is None; empty otherwise.
+    foreign : True when it was never a polygon (a point, a line, nothing at all).
+    dropped : parts of its collection that are no polygons.
+    properties : what else the file says of it, by name.
+    """
+
+    label: Any
+    polygon: Optional[Any]
+    crs: Optional[str]
+    problem: str = ""
+    foreign: bool = False
+    dropped: int = 0
+    properties: Mapping[str, Any] = field(default_factory=dict)
+
+
+class _UnusableError(Exception):
+    """A geometry cannot be read; the text says why."""
+
+
+def read_geojson(path: Path) -> List[Outline]:
+    """Read a GeoJSON file.
+
+    Raises
+    ------
+    AreaError
+        When it is no readable GeoJSON, too large, or nested beyond reason.
+    """
+    data = check_file(path)
+    for mark in (b"[", b"{"):
+        if data.count(mark) > 2 * MAX_VERTICES:
+            raise AreaError(_too_many(path.name))
+    try:
+        document = json.loads(data)
+    except RecursionError:
+        raise AreaError(f"{path.name} is nested too deeply for GeoJSON; export it again") from None
+    except UnicodeDecodeError:
+        raise AreaError(f"{path.name} is not in UTF-8; save it as UTF-8") from None
+    except json.JSONDecodeError as error:
+        raise AreaError(
+            f"{path.name} is not valid JSON (line {error.lineno}, column {error.colno}: "
+            f"{error.msg}); expected a GeoJSON file with polygons"
+        ) from None
+    except ValueError as error:  # an integer of thousands of digits
+        raise AreaError(f"{path.name} holds a number that is none: {error}") from None
+    return geojson_outlines(document, path.name)
+
+
+def check_file(path: Path) -> bytes:
+    """Read a file of polygons, of bounded size."""
+    return read_small(path, most=MAX_BYTES, what="polygons", error=AreaError)
+
+
+def geojson_outlines(document: Any, where: str = "the GeoJSON object") -> List[Outline]:
+    """List the outlines of a parsed GeoJSON document, in its order.
+
+    A polygon, a multipolygon and each polygon of a geometry collection become one outline; a
+    feature without any becomes an outline with a ``problem``.
+
+    Raises
+    ------
+    AreaError
+        When the document is no GeoJSON, or holds too many polygons or vertices.
+    """
+    outlines: List[Outline] = []
+    vertices = 0
+    for outline in _walk(document, None, None, where, 0):
+        outlines.append(outline)
+        vertices += (
+            0 if outline.polygon is None else int(shapely.get_num_coordinates(outline.polygon))
+        )
+        if len(outlines) > MAX_POLYGONS or vertices > MAX_VERTICES:
+            raise AreaError(_too_many(where))
+    return outlines
+
+
+def _too_many(where: str) -> str:
+    return (
+        f"{where} holds more than {MAX_POLYGONS:,} polygons or {MAX_VERTICES:,} vertices; "
+        "keep only the polygons to be measured, or simplify them"
+    )
+
+
+def _walk(node: Any, label: Any, crs: Optional[str], where: str, depth: int) -> Iterator[Outline]:
+    """Go through collections, features and geometries; the innermost ``crs`` member wins."""
+    if depth > _MAX_NESTING:
+        raise AreaError(f"{where} is nested too deeply for GeoJSON; export it again")
+    if not isinstance(node, Mapping) or not isinstance(node.get("type"), str):
+        if depth:
+            yield _foreign(label, crs, "is not a GeoJSON feature; export it again")
+            return
+        raise AreaError(f"{where} is not GeoJSON: expected a FeatureCollection with polygons")
+    kind = node["type"]
+    crs = _crs_member(node["crs"], where) if node.get("crs") is not None else crs
+    if kind == "FeatureCollection":
+        for feature in _members(node, "features", where):
+            yield from _walk(feature, None, crs, where, depth + 1)
+    elif kind == "Feature":
+        told = node.get("properties")
+        label, properties = _label(told), told if isinstance(told, Mapping) else {}
+        if node.get("geometry") is None:
+            yield _foreign(label, crs, "has no geometry; draw its polygon")
+        else:
+            for outline in _walk(node["geometry"], label, crs, where, depth + 1):
+                yield replace(outline, properties=properties)
+    elif kind == "GeometryCollection":
+        yield from _collection(node, label, crs, where, depth)
+    elif kind in _GEOMETRIES:
+        yield _geometry(node, label, crs)
+    elif depth:
+        yield _foreign(label, crs, f"is a {kind[:40]!r}, not a polygon; draw a polygon")
+    else:
+        raise AreaError(f"{where} is a {kind[:40]!r}: expected a FeatureCollection with polygons")
+
+
+def _collection(
+    node: Mapping[str, Any], label: Any, crs: Optional[str], where: str, depth: int
+) -> Iterator[Outline]:
+    """Yield the polygons of a collection; what else is in there is counted on the first."""
+    members: List[Outline] = []
+    for geometry in _members(node, "geometries", where):
+        members += _walk(geometry, label, crs, where, depth + 1)
+    polygons = [member for member in members if not member.foreign]
+    if not polygons:
+        yield _foreign(label, crs, "is a collection without polygons; draw a polygon")
+        return
+    yield replace(polygons[0], dropped=len(members) - len(polygons))
+    yield from polygons[1:]
+
+
+def _foreign(label: Any, crs: Optional[str], problem: str) -> Outline:
+    return Outline(label, None, crs, problem, foreign=True)
+
+
+def _members(node: Mapping[str, Any], key: str, where: str) -> Sequence[Any]:
+    members = node.get(key)
+    if not isinstance(members, (list, tuple)):
+        raise AreaError(f"{where} has a {node['type']} without {key!r}; export it again")
+    return members
+
+
+def _label(properties: Any) -> Any:
+    if not isinstance(properties, Mapping):
+        return None
+    for key in ("name", "Name", "NAME"):
+        if properties.get(key) not in (None, ""):
+            return properties[key]
+    return None
+
+
+def _crs_member(member: Any, where: str) -> str:
+    """Read the ``crs`` member of the 2008 specification."""
+    properties = member.get("properties") if isinstance(member, Mapping) else None
+    if isinstance(properties, Mapping):
+        if isinstance(properties.get("name"), str):
+            return str(properties["name"])
+        code = properties.get("code")
+        if str(member.get("type")).upper() == "EPSG" and isinstance(code, (int, str)):
+            return f"EPSG:{code}"
+    raise AreaError(
+        f"the 'crs' member of {where} is not understood; expected "
+        '{"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::32615"}}'
+    )
+
+
+def _geometry(node: Mapping[str, Any], label: Any, crs: Optional[str]) -> Outline:
+    kind, coordinates = node["type"], node.get("coordinates")
+    if kind not in ("Polygon", "MultiPolygon"):
+        return _foreign(label, crs, f"is a {kind}, not a polygon; draw a polygon")
+    try:
+        if kind == "Polygon":
+            return Outline(label, _polygon(coordinates), crs)
+        parts = [_polygon(part) for part in _list(coordinates)]
+    except _UnusableError as problem:
+        return Outline(label, None, crs, str(problem))
+    if not parts:
+        return Outline(label, None, crs, "is empty; draw its polygon")
+    return Outline(label, parts[0] if len(parts) == 1 else shapely.MultiPolygon(parts), crs)
+
+
+def _polygon(rings: Any) -> Any:
+    found = [_ring(ring) for ring in _list(rings)]
+    if not found:
+        raise _UnusableError("is empty; draw its polygon")
+    return shapely.Polygon(found[0], found[1:])
+
+
+def _ring(positions: Any) -> FloatArray:
+    """(N, 2) float64, closed, N >= 4."""
+    ring = [_position(position) for position in _list(positions)]
+    if ring and ring[0] != ring[-1]:
+        ring.append(ring[0])
+    if len(ring) < 4:
+        raise _UnusableError(
+            f"has a ring of {max(len(ring) - 1, 0)} corners, and it takes 3; redraw it"
+        )
+    return np.array(ring, dtype=np.float64)
+
+
+def _position(position: Any) -> Tuple[float, float]:
+    """Take x and y; z and what follows it are dropped."""
+    if not isinstance(position, (list, tuple)) or len(position) < 2:
+        raise _UnusableError("has a corner that is not [x, y]; export it again")
+    x, y = position[0], position[1]
+    # float and int first: the general test is slow, and there may be a million of them
+    for value in (x, y):
+        if type(value) is not float and (isinstance(value, bool) or not isinstance(value, Real)):
+            raise _UnusableError("has a coordinate that is not a number; export it again")
+    try:
+        x, y = float(x), float(y)
+    except OverflowError:
+        x = math.inf
+    if not (abs(x) <= MAX_COORDINATE and abs(y) <= MAX_COORDINATE):
+        raise _UnusableError(
+            "has a coordinate that is infinite, not a number or absurdly large; redraw it"
+        )
+    return x, y
+
+
+def _list(value: Any) -> Sequence[Any]:
+    if not isinstance(value, (list, tuple)):
+        raise _UnusableError("has coordinates that are not lists; export it again")
+    return value

@@ -1,0 +1,399 @@
+"""The areas to be measured: polygons from anywhere, into the measuring frame.
+
+Which CRS the coordinates are in: a ``crs`` member or the format's own CRS wins; without one and
+with a cloud without CRS they are cloud coordinates; all ``|x| <= 180`` and ``|y| <= 90`` are WGS84
+longitudes and latitudes; else they are in the cloud's CRS if they overlap it (with a warning).
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import unicodedata
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, List, Mapping, Optional, Sequence, Set, Tuple, Union
+
+import numpy as np
+import shapely
+
+from ..crs import (
+    Frame,
+    cloud_geometry_to_frame,
+    geometry_to_frame,
+    is_geographic,
+    label,
+    transfer_accuracy_m,
+)
+from ..errors import AreaError, CrsError
+from ..types import MAX_COORDINATE, AreaFailure, Bounds, FloatArray
+from .geojson import Outline, geojson_outlines, read_geojson
+from .kml import read_kml
+from .vector import VECTOR_SUFFIXES, read_vector
+
+__all__ = ["Area", "AreaSet", "far_corner", "read_areas", "require_polygons"]
+
+_WGS84 = "OGC:CRS84"
+_MAX_NAME = 80
+_COARSE_M = 1.0  # of a datum transformation; most areas are drawn to a decimetre or better
+_FAULTS = {
+    "Self-intersection": "crosses itself near {at}; redraw it",
+    "Ring Self-intersection": "touches itself near {at}; redraw it",
+    "Hole lies outside shell": "has a hole outside its outline near {at}; redraw it",
+    "Holes are nested": "has a hole within a hole near {at}; redraw it",
+    "Nested holes": "has a hole within a hole near {at}; redraw it",
+    "Nested shells": "has a part within a part near {at}; redraw it",
+    "Interior is disconnected": "is cut apart by its holes near {at}; redraw it",
+    "Duplicate Rings": "has the same ring twice near {at}; redraw it",
+}
+
+
+@dataclass(frozen=True)
+class Area:
+    """A polygon that can be measured.
+
+    Attributes
+    ----------
+    name : unique among the areas of one call.
+    polygon : shapely Polygon or MultiPolygon in the measuring frame, metres, 2-D, valid.
+    properties : what else its file says of it, by name.
+    """
+
+    name: str
+    polygon: Any
+    properties: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class AreaSet:
+    """All areas of one file, in its order; a failure stands where a polygon cannot be used."""
+
+    areas: Sequence[Union[Area, AreaFailure]]
+    warnings: Sequence[str]
+
+
+def read_areas(
+    area: Any, frame: Frame, bounds: Optional[Bounds], *, turned: bool = False
+) -> AreaSet:
+    """Read polygons and move them to the measuring frame.
+
+    Parameters
+    ----------
+    area : path to GeoJSON or .kml, or with pyogrio to .shp, .gpkg, .dxf or .fgb; a GeoJSON-like
+        mapping; or a shapely Polygon or MultiPolygon, which is in the frame already.
+    frame : of the cloud.
+    bounds : of the cloud, in the cloud's own coordinates (:attr:`CloudInfo.bounds`); None when
+        unknown, and then no polygon is found to lie outside.
+    turned : read x for y: whether the polygons are elsewhere then is to be known.
+
+    Raises
+    ------
+    AreaError, MissingExtraError
+        When nothing can be read, there is no polygon, or the CRS cannot be told; when the format
+        needs pyogrio.
+    """
+    box = None if bounds is None else _box(frame.bounds_to_frame(bounds))
+    if isinstance(area, shapely.Geometry):
+        return _given(area, box)
+    outlines, notes, where = _polygons(area)
+    if turned:
+        outlines = [replace(o, polygon=o.polygon and _turned(o.polygon)) for o in outlines]
+    _check_crs(outlines, frame, where)
+    implied = _implied_crs(outlines, frame, bounds, box, where, notes)
+    names, areas = _Names(), []
+    for number, outline in enumerate(outlines, 1):
+        name = names.unique(outline.label, number)
+        if outline.dropped:
+            notes.append(f"{name}: {outline.dropped} members of its collection are no polygons")
+        areas.append(_area(name, outline, outline.crs or implied, frame, box))
+    notes += _coarse(outlines, implied, frame)
+    return AreaSet(tuple(areas), tuple(notes))
+
+
+def require_polygons(area: Any) -> None:
+    """Raise AreaError when nothing could ever be measured by these areas, whatever the cloud."""
+    if not isinstance(area, shapely.Geometry):
+        _polygons(area)
+
+
+def _polygons(area: Any) -> Tuple[List[Outline], List[str], str]:
+    outlines, notes, where = _outlines(area)
+    if all(outline.foreign for outline in outlines):
+        raise AreaError(f"{where} holds no polygon; draw the areas to be measured as polygons")
+    return outlines, notes, where
+
+
+def _outlines(area: Any) -> Tuple[List[Outline], List[str], str]:
+    """Outlines, warnings, and what to call their source in a message."""
+    if isinstance(area, Mapping):
+        return geojson_outlines(area), [], "the GeoJSON object"
+    if not isinstance(area, (str, os.PathLike)):
+        raise AreaError(
+            f"an area cannot be a {type(area).__name__}: expected a path, a GeoJSON mapping or a "
+            "shapely polygon"
+        )
+    path = Path(os.fsdecode(area))
+    if path.suffix.lower() == ".kml":
+        return read_kml(path), [], path.name
+    if path.suffix.lower() in VECTOR_SUFFIXES:
+        return (*read_vector(path), path.name)
+    return read_geojson(path), [], path.name
+
+
+def _given(geometry: Any, box: Any) -> AreaSet:
+    if geometry.geom_type not in ("Polygon", "MultiPolygon") or geometry.is_empty:
+        state = "an empty" if geometry.is_empty else "a"
+        raise AreaError(f"the area is {state} {geometry.geom_type}: expected a polygon")
+    polygon, problem = _judged(shapely.force_2d(geometry))
+    problem = problem or _outside(polygon, box)
+    if problem:
+        return AreaSet((AreaFailure("area-1", problem),), ())
+    return AreaSet((Area("area-1", polygon),), ())
+
+
+def _area(
+    name: str, outline: Outline, crs: Optional[str], frame: Frame, box: Any
+) -> Union[Area, AreaFailure]:
+    """Judge and move one polygon; a crs of None means the cloud's own coordinates."""
+    if outline.polygon is None:
+        return AreaFailure(name, outline.problem)
+    drawn, problem = _judged(shapely.force_2d(outline.polygon))
+    if problem:
+        return AreaFailure(name, problem)
+    try:
+        polygon, problem = _judged(_moved(drawn, crs, frame))
+        problem = problem or _outside(polygon, box)
+    except CrsError as error:
+        problem = f"cannot be placed: {error}"
+    if problem:
+        return AreaFailure(name, problem + _swap_hint(drawn, crs, frame, box))
+    return Area(name, polygon, outline.properties)
+
+
+def _moved(polygon: Any, crs: Optional[str], frame: Frame) -> Any:
+    if crs is None:
+        return cloud_geometry_to_frame(polygon, frame)
+    return geometry_to_frame(polygon, crs, frame)
+
+
+def _check_crs(outlines: Sequence[Outline], frame: Frame, where: str) -> None:
+    """Refuse CRSs that are unknown, or of no use with a cloud that has none."""
+    for crs in sorted({outline.crs for outline in outlines if outline.crs is not None}):
+        try:
+            is_geographic(crs)
+        except CrsError as error:
+            raise AreaError(f"{where}: {error}") from error
+        if frame.cloud_crs is None:
+            raise AreaError(
+                f"{where} is in {label(crs)} but the cloud has no CRS: give it one (--crs), or "
+                "draw the polygons in the cloud's own coordinates, without a CRS"
+            )
+
+
+def _implied_crs(
+    outlines: Sequence[Outline],
+    frame: Frame,
+    bounds: Optional[Bounds],
+    box: Any,
+    where: str,
+    notes: List[str],
+) -> Optional[str]:
+    """Tell the CRS of the polygons that do not say theirs; None is the cloud's own."""
+    loose = [o.polygon for o in outlines if o.polygon is not None and o.crs is None]
+    loose = [polygon for polygon in loose if np.isfinite(polygon.bounds).all()]
+    if not loose or frame.cloud_crs is None:
+        return None
+    extent = shapely.total_bounds(loose)
+    if _in_degrees(extent):
+        return _WGS84
+    cloud = None if bounds is None else _box(bounds)
+    if cloud is None or any(_overlap(polygon.bounds, cloud) for polygon in loose):
+        own = label(frame.geographic_crs or frame.crs or "")
+        notes.append(f"{where} names no CRS: taken to be in the cloud's own ({own})")
+        return None
+    turned_crs = _WGS84 if _in_degrees(_turned(shapely.box(*extent)).bounds) else None
+    hint = next(filter(None, (_swap_hint(p, turned_crs, frame, box) for p in loose)), "")
+    raise AreaError(
+        f"{where} names no CRS, and its coordinates ({_range(extent)}) are neither longitudes and "
+        f"latitudes nor on the cloud ({_range(cloud)}); export it in WGS84 or in the cloud's CRS"
+        + hint
+    )
+
+
+def _coarse(outlines: Sequence[Outline], implied: Optional[str], frame: Frame) -> List[str]:
+    """Warn of datum transformations that move polygons by more than they are worth."""
+    notes, seen = [], set()
+    for outline in outlines:
+        crs = outline.crs or implied
+        if crs is None or crs in seen or outline.polygon is None:
+            continue
+        seen.add(crs)
+        try:
+            accuracy_m = transfer_accuracy_m(crs, frame, *outline.polygon.bounds[:2])
+        except CrsError:
+            continue  # this polygon has failed already
+        if not accuracy_m <= _COARSE_M:
+            known = (
+                "an unknown accuracy: no way between their datums is known, or one is not named"
+                if math.isnan(accuracy_m)
+                else f"only {accuracy_m:g} m: their datums differ"
+            )
+            notes.append(
+                f"polygons in {label(crs)} are placed on the cloud ({label(frame.crs or '')}) with "
+                f"{known}; draw them in the cloud's CRS if that matters"
+            )
+    return notes
+
+
+def _judged(polygon: Any) -> Tuple[Any, str]:
+    """Return a valid polygon, or say what is wrong with it.
+
+    Parts of a multipolygon that touch along an edge are joined: no point counts twice.
+    """
+    coordinates = shapely.get_coordinates(polygon)
+    if not len(coordinates):
+        return polygon, "is empty; draw its polygon"
+    if not (np.isfinite(coordinates).all() and np.abs(coordinates).max() <= MAX_COORDINATE):
+        return polygon, "has a coordinate that is infinite or not a number; redraw it"
+    size = math.hypot(*np.ptp(coordinates, axis=0))
+    for part in shapely.get_parts(polygon):
+        # of the hull: a bow tie's own signed area is 0 too
+        if part.convex_hull.area <= 4 * size * float(np.spacing(np.abs(coordinates).max())):
+            return polygon, f"has no area (near {_at(*coordinates[0])}); redraw it"
+        if not part.is_valid:
+            return polygon, _fault(part)
+    if polygon.is_valid:
+        return polygon, ""
+    joined = shapely.union_all(shapely.get_parts(polygon))
+    if polygon.area - joined.area <= 1e-9 * polygon.area and joined.is_valid:
+        return joined, ""
+    return polygon, _fault(polygon).replace("crosses itself", "has parts that overlap")
+
+
+def _fault(polygon: Any) -> str:
+    said = str(shapely.is_valid_reason(polygon))
+    found = re.match(r"(.*?)\[(\S+) (\S+)\]$", said)
+    if not found:
+        return f"is not a valid polygon ({said[:80]}); redraw it"
+    at = _at(float(found.group(2)), float(found.group(3)))
+    fault = _FAULTS.get(found.group(1), "is not a valid polygon near {at}; redraw it")
+    return fault.format(at=at)
+
+
+def _outside(polygon: Any, box: Any) -> str:
+    if box is None:
+        return ""
+    if _overlap(polygon.bounds, box):
+        return far_corner(polygon, box)
+    return (
+        f"lies outside the cloud: it covers {_range(polygon.bounds)}, the cloud {_range(box)}; "
+        "draw it on the cloud, or correct its CRS, or the cloud's (--crs)"
+    )
+
+
+def far_corner(polygon: Any, box: Any) -> str:
+    """Return what is wrong with a polygon that reaches absurdly far beyond its points, or "".
+
+    Nothing can be measured out there, and cells for all of it would be too large for what lies
+    on the points, and for the other areas. A corner that is further away than the points are
+    wide was not drawn on them.
+
+    Parameters
+    ----------
+    polygon : in the frame.
+    box : of the points, as min x, min y, max x, max y.
+    """
+    wide = max(box[2] - box[0], box[3] - box[1])
+    low, high = np.array(box[:2]), np.array(box[2:])
+    corners = shapely.get_coordinates(polygon)
+    away = np.maximum(np.maximum(low - corners, corners - high), 0.0).max(axis=1)
+    furthest = int(np.argmax(away))
+    if away[furthest] <= wide:
+        return ""
+    return (
+        f"has a corner {_metres(away[furthest])} outside the cloud (at {_at(*corners[furthest])}), "
+        f"which is {_metres(wide)} wide; move that corner to where it belongs, or end the area "
+        "near the edge of the cloud"
+    )
+
+
+def _swap_hint(polygon: Any, crs: Optional[str], frame: Frame, box: Any) -> str:
+    """Say that x and y seem swapped, if swapping puts the polygon on the cloud."""
+    if box is None or polygon.is_empty:
+        return ""
+    try:
+        if not _overlap(_moved(_turned(polygon), crs, frame).bounds, box):
+            return ""
+    except CrsError:
+        return ""
+    if crs is not None and is_geographic(crs):
+        return "; it seems to be in lat, lon order: GeoJSON wants lon, lat"
+    return "; its x and y seem to be swapped"
+
+
+def _turned(polygon: Any) -> Any:
+    def swap(xy: FloatArray) -> FloatArray:
+        return xy[:, ::-1]
+
+    return shapely.transform(polygon, swap)
+
+
+def _in_degrees(box: Any) -> bool:
+    """Whether a box (min x, min y, max x, max y) can be longitudes and latitudes."""
+    return bool(max(-box[0], box[2]) <= 180 and max(-box[1], box[3]) <= 90)
+
+
+class _Names:
+    """Names that are clean, short and unique."""
+
+    def __init__(self) -> None:
+        self._used: Set[str] = set()
+
+    def unique(self, label: Any, number: int) -> str:
+        """Take the label, else ``area-number``; a second one of the same name gets ``-2``."""
+        wanted = _clean(label) or f"area-{number}"
+        name, copy = wanted, 1
+        while name in self._used:
+            copy += 1
+            name = f"{wanted}-{copy}"
+        self._used.add(name)
+        return name
+
+
+def _clean(label: Any) -> str:
+    """Keep what can be printed on one line; numbers count, other types are no names."""
+    if isinstance(label, bool) or not isinstance(label, (str, int, float)):
+        return ""
+    if not isinstance(label, str) and not abs(label) < 1e18:
+        return ""
+    text = " ".join(str(label)[:1000].split())
+    text = "".join(c for c in text if unicodedata.category(c)[0] != "C")
+    return text[:_MAX_NAME].strip()
+
+
+def _box(bounds: Bounds) -> Tuple[float, float, float, float]:
+    return bounds.min_x, bounds.min_y, bounds.max_x, bounds.max_y
+
+
+def _overlap(a: Any, b: Any) -> bool:
+    """Whether two boxes (min x, min y, max x, max y) share a point."""
+    return bool(a[0] <= b[2] and b[0] <= a[2] and a[1] <= b[3] and b[1] <= a[3])
+
+
+def _number(value: float) -> str:
+    return f"{value:.6f}".rstrip("0").rstrip(".") if abs(value) <= 360 else f"{value:.2f}"
+
+
+def _metres(length: float) -> str:
+    if length < 1000:
+        return f"{length:.3g} m"
+    return f"{length / 1000:.3g} km" if length < 1e6 else f"{length / 1000:,.0f} km"
+
+
+def _at(x: float, y: float) -> str:
+    return f"{_number(x)}, {_number(y)}"
+
+
+def _range(box: Any) -> str:
+    return f"x {_number(box[0])} to {_number(box[2])}, y {_number(box[1])} to {_number(box[3])}"

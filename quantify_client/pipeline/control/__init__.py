@@ -1,0 +1,1 @@
+"""Stages with control: the transform of a cloud and what follows from it."""

@@ -1,0 +1,132 @@
+"""The areas with their numbers as GeoJSON (RFC 7946), for a GIS."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union
+
+import shapely
+from shapely.geometry.polygon import orient
+
+from ...errors import CrsError
+from ...files.writing import GENERATOR
+from ...types import AreaFailure, AreaResult, Measurement
+from .flat import flat_properties
+from .measurement import to_json
+from .plain import plain
+
+if TYPE_CHECKING:
+    from ...crs import Frame
+
+__all__ = ["CLOUD_COORDINATES", "outlines_document", "to_geojson"]
+
+CLOUD_COORDINATES = "cloud coordinates, no CRS"
+WGS84_DECIMALS = 9  # 0.1 mm on the ground
+CLOUD_DECIMALS = 4
+OUTLINE_DECIMALS = 6  # of what is measured by again, perhaps a body of centimetres
+
+
+def to_geojson(measurement: Measurement) -> Dict[str, Any]:
+    """Return a FeatureCollection: a feature for each result, failures with geometry null.
+
+    Longitude and latitude of WGS 84, outer rings counter-clockwise. Without a CRS the cloud's
+    own coordinates, which RFC 7946 does not know: the collection and each feature then say so
+    in ``coordinate_reference``.
+    """
+    frame: Optional[Frame] = measurement.frame
+    if frame is None or frame.crs is None:
+        frame, remark = None, CLOUD_COORDINATES
+    else:
+        remark = _why_not_wgs84(measurement, frame)
+        frame = None if remark else frame
+    rows = to_json(measurement)["results"]
+    features = [
+        _feature(result, row, frame, remark) for result, row in zip(measurement.results, rows)
+    ]
+    collection: Dict[str, Any] = {"type": "FeatureCollection", "generator": GENERATOR}
+    if remark:
+        collection["coordinate_reference"] = remark
+    return {**collection, "features": features}
+
+
+def _why_not_wgs84(measurement: Measurement, frame: Frame) -> str:
+    """Return "" when the areas can be transformed, else words: a report is not lost for it."""
+    try:
+        for result in measurement.results:
+            _geometry(result, frame)
+    except CrsError as error:
+        return f"cloud coordinates: {error}"
+    return ""
+
+
+def _feature(
+    result: Union[AreaResult, AreaFailure],
+    row: Dict[str, Any],
+    frame: Optional[Frame],
+    remark: str,
+) -> Dict[str, Any]:
+    properties = flat_properties(row)
+    if remark:
+        properties["coordinate_reference"] = remark
+    return {"type": "Feature", "geometry": _geometry(result, frame), "properties": properties}
+
+
+def _geometry(
+    result: Union[AreaResult, AreaFailure], frame: Optional[Frame]
+) -> Optional[Dict[str, Any]]:
+    if isinstance(result, AreaFailure) or result.relief is None:
+        return None
+    geometry = shapely.from_wkb(result.relief.polygon_wkb)
+    if frame is None:
+        return _written(geometry, CLOUD_DECIMALS)
+    return _written(_to_wgs84(geometry, frame), WGS84_DECIMALS)
+
+
+def outlines_document(
+    outlines: Sequence[Tuple[Mapping[str, Any], Any]], crs: Optional[str]
+) -> Dict[str, Any]:
+    """Return polygons and their properties in the coordinates of a cloud.
+
+    Parameters
+    ----------
+    outlines : properties, and a shapely Polygon or MultiPolygon in coordinates of `crs`.
+    crs : ``EPSG:n`` or WKT, x and y in this order; it stands in the ``crs`` member of the 2008
+        specification, as GIS programs read and write it. None: the cloud has none, and the
+        collection says so.
+    """
+    collection: Dict[str, Any] = {"type": "FeatureCollection", "generator": GENERATOR}
+    if crs is None:
+        collection["coordinate_reference"] = CLOUD_COORDINATES
+    else:
+        urn = f"urn:ogc:def:crs:EPSG::{crs[5:]}" if crs.upper().startswith("EPSG:") else crs
+        collection["crs"] = {"type": "name", "properties": {"name": urn}}
+    features = [
+        {
+            "type": "Feature",
+            "properties": plain(properties),
+            "geometry": _written(geometry, OUTLINE_DECIMALS),
+        }
+        for properties, geometry in outlines
+    ]
+    return {**collection, "features": features}
+
+
+def _written(geometry: Any, decimals: int) -> Dict[str, Any]:
+    parts = [_rings(orient(part, 1.0), decimals) for part in shapely.get_parts(geometry)]
+    if len(parts) == 1:
+        return {"type": "Polygon", "coordinates": parts[0]}
+    return {"type": "MultiPolygon", "coordinates": parts}
+
+
+def _to_wgs84(geometry: Any, frame: Frame) -> Any:
+    from ...crs import (
+        geometry_to_wgs84,  # late: it loads PROJ, which a cloud without CRS never needs
+    )
+
+    return geometry_to_wgs84(geometry, frame)
+
+
+def _rings(polygon: Any, decimals: int) -> List[List[List[float]]]:
+    rings = [polygon.exterior, *polygon.interiors]
+    return [
+        [[round(x, decimals), round(y, decimals)] for x, y, *_ in ring.coords] for ring in rings
+    ]

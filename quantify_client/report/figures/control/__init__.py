@@ -1,0 +1,1 @@
+"""Figures of control and its adjustment."""

@@ -1,0 +1,181 @@
+"""The section: terrain and base along a line through the highest place of the area."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Optional, Tuple
+
+import numpy as np
+import shapely
+
+from ....types import FloatArray, Relief
+from ...wording.units import Units
+from ..look import BASE, CUT, FILL, INK, limits_with_margin, ticks
+
+__all__ = ["Section", "draw_section", "section_of"]
+
+OVERSHOOT = 0.06  # the line goes on beyond the area by this share of its length
+FEWEST_SAMPLES, MOST_SAMPLES = 30, 900
+ROOM = 0.9  # exaggerated terrain takes at most this share of the height
+NARROW_IN = 3.2  # below it, label and legend need shorter words to stand side by side
+EXAGGERATIONS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 15.0, 20.0, 30.0, 50.0, 100.0)
+
+
+@dataclass(frozen=True)
+class Section:
+    """Terrain and base along a line.
+
+    Attributes
+    ----------
+    x, y : (N,) float64, where; in the measuring frame.
+    along_m : (N,) float64, distance from the first of them.
+    terrain_m, base_m : (N,) float64 elevations; NaN where unknown, the base outside the area too.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    along_m: FloatArray
+    terrain_m: FloatArray
+    base_m: FloatArray
+
+
+def section_of(relief: Relief) -> Optional[Section]:
+    """Cut the relief through the cell farthest from the base, along the area's longest extent.
+
+    None when nothing of the area is known.
+    """
+    known = np.isfinite(relief.above_base_m) & np.isfinite(relief.elevation_m)
+    if not known.any():
+        return None
+    row, column = np.unravel_index(
+        int(np.argmax(np.where(known, np.abs(relief.above_base_m), -1.0))), known.shape
+    )
+    peak_x = relief.min_x + (column + 0.5) * relief.cell_m
+    peak_y = relief.min_y + (row + 0.5) * relief.cell_m
+    x, y = _line(shapely.from_wkb(relief.polygon_wkb), float(peak_x), float(peak_y), relief.cell_m)
+    terrain = sample(relief.elevation_m, relief, x, y)
+    above = sample(relief.above_base_m, relief, x, y)
+    if not np.isfinite(terrain).any():
+        return None
+    return Section(x, y, np.hypot(x - x[0], y - y[0]), terrain, terrain - above)
+
+
+def _line(polygon: Any, x: float, y: float, cell_m: float) -> Tuple[FloatArray, FloatArray]:
+    """Return samples of the line through (x, y), west to east, from rim to rim and a bit more."""
+    direction = longest_direction(polygon)
+    xy = shapely.get_coordinates(polygon) - (x, y)
+    along = xy @ direction
+    first, last = float(along.min()), float(along.max())
+    more = OVERSHOOT * (last - first)
+    count = int(np.clip((last - first) / cell_m, FEWEST_SAMPLES, MOST_SAMPLES))
+    steps = np.linspace(first - more, last + more, count)
+    return x + steps * direction[0], y + steps * direction[1]
+
+
+def longest_direction(polygon: Any) -> FloatArray:
+    """Return the unit vector along the longer side of the smallest rectangle, pointing east."""
+    rectangle = shapely.get_coordinates(shapely.minimum_rotated_rectangle(polygon))
+    sides = np.diff(rectangle[:3], axis=0)
+    lengths = np.hypot(sides[:, 0], sides[:, 1])
+    if not lengths.size or not lengths.max() > 0.0:
+        return np.array([1.0, 0.0])
+    # Of nearly equal sides the one nearer to west-east: round areas are not cut at random.
+    lengths = lengths * (1.0 + 0.05 * np.abs(sides[:, 0]) / lengths)
+    side = sides[int(np.argmax(lengths))]
+    unit = side / np.hypot(side[0], side[1])
+    return np.asarray(-unit if (unit[0], unit[1]) < (0.0, 0.0) else unit)
+
+
+def sample(values: FloatArray, relief: Relief, x: FloatArray, y: FloatArray) -> FloatArray:
+    """Interpolate a grid between the middles of its cells; NaN where the cell itself is.
+
+    Neighbours without a value carry no weight, so that a line ends at the rim of what is known.
+    """
+    column = (x - relief.min_x) / relief.cell_m - 0.5
+    row = (y - relief.min_y) / relief.cell_m - 0.5
+    total, weights = np.zeros(len(x)), np.zeros(len(x))
+    for down in (0, 1):
+        for right in (0, 1):
+            r, c = np.floor(row).astype(int) + down, np.floor(column).astype(int) + right
+            value = _at(values, r, c)
+            weight = np.abs(1 - down - (row - np.floor(row)))
+            weight = weight * np.abs(1 - right - (column - np.floor(column)))
+            weight = np.where(np.isfinite(value), weight, 0.0)
+            total += weight * np.nan_to_num(value)
+            weights += weight
+    own = _at(values, np.round(row).astype(int), np.round(column).astype(int))
+    known = np.isfinite(own) & (weights > 0)
+    return np.where(known, total / np.where(weights > 0, weights, 1.0), np.nan)
+
+
+def _at(values: FloatArray, row: Any, column: Any) -> FloatArray:
+    inside = (row >= 0) & (row < values.shape[0]) & (column >= 0) & (column < values.shape[1])
+    found = values[np.clip(row, 0, values.shape[0] - 1), np.clip(column, 0, values.shape[1] - 1)]
+    return np.where(inside, found, np.nan)
+
+
+def draw_section(axes: Any, section: Section, units: Units) -> None:
+    """Draw the section with cut and fill filled, and say how much heights are exaggerated."""
+    along = section.along_m * units.length_per_m
+    terrain = section.terrain_m * units.length_per_m
+    base = section.base_m * units.length_per_m
+    both = np.isfinite(terrain) & np.isfinite(base)
+    for colour, where in ((CUT, terrain >= base), (FILL, terrain < base)):
+        axes.fill_between(
+            along,
+            terrain,
+            base,
+            where=where & both,
+            interpolate=True,
+            color=colour,
+            alpha=0.55,
+            lw=0,
+        )
+    axes.plot(along, terrain, color=INK, linewidth=1.5, label="terrain")
+    axes.plot(along, base, color=BASE, linewidth=1.3, dashes=(5, 2.5), label="base")
+    exaggeration = _set_limits(axes, along, np.concatenate([terrain, base]))
+    axes.grid(axis="y")
+    narrow = axes.figure.get_figwidth() * axes.get_position().width < NARROW_IN
+    words = "from A" if narrow else "distance from A"
+    axes.set_xlabel(f"{words}, {units.length}", loc="left")
+    axes.set_ylabel(f"elevation, {units.length}")
+    _draw_legend(axes)
+    title = "Section A\u2013A\u2032"
+    axes.set_title(title if exaggeration == 1.0 else f"{title}, heights \u00d7 {exaggeration:g}")
+
+
+def _draw_legend(axes: Any) -> None:
+    """Below the axes, beside their label: inside it would hide terrain."""
+    below = -0.24 / (axes.figure.get_figheight() * axes.get_position().height)
+    axes.legend(
+        loc="upper right",
+        bbox_to_anchor=(1.0, below),
+        ncol=2,
+        frameon=False,
+        fontsize=10,
+        borderaxespad=0.0,
+        borderpad=0.0,
+        handlelength=2.2,
+        columnspacing=1.4,
+    )
+
+
+def _set_limits(axes: Any, along: FloatArray, elevations: FloatArray) -> float:
+    """Choose a round exaggeration that shows the form, and limits that make it exact."""
+    figure, box = axes.figure, axes.get_position()
+    wide, high = figure.get_figwidth() * box.width, figure.get_figheight() * box.height
+    finite = elevations[np.isfinite(elevations)]
+    low, high_m = limits_with_margin(float(finite.min()), float(finite.max()), 0.08)
+    west, east = float(along[0]), float(along[-1])
+    fits = high * (east - west) / (wide * (high_m - low))  # the most that the box has room for
+    wanted = max((e for e in EXAGGERATIONS if e <= max(ROOM * fits, 1.0) <= fits), default=fits)
+    span = high / wide * (east - west) / wanted
+    if wanted == fits:  # higher than wide: never squeezed, so widen the line instead
+        extra = max(wide / high * (high_m - low) - (east - west), 0.0) / 2
+        west, east, span, wanted = west - extra, east + extra, high_m - low, 1.0
+    middle = (low + high_m) / 2
+    axes.set_xlim(west, east)
+    axes.set_ylim(middle - span / 2, middle + span / 2)
+    ticks(axes.xaxis, max(3, min(7, int(wide))))
+    ticks(axes.yaxis, max(3, min(6, int(high * 1.6))))
+    return wanted

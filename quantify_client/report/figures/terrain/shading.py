@@ -1,0 +1,191 @@
+"""From a relief's arrays to coloured ones: coarsening, hill shade, height colours, hatching.
+
+Arrays only; nothing here knows of axes. Row 0 is the southernmost, as in
+:class:`~quantify_client.types.Relief`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Tuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ....types import FloatArray, Relief
+from ..look import diverging
+
+__all__ = [
+    "Ground",
+    "block_mean",
+    "coarse",
+    "enlarge",
+    "height_limit",
+    "hill_shade",
+    "interpolated",
+    "paint",
+]
+
+LIGHT = (-0.5, 0.5, 0.7071)  # unit vector to the light: north-west (x east, y north), 45 deg up
+STEEP = 0.42  # slopes are exaggerated until their 90th percentile is this gradient ...
+MOST_EXAGGERATION = 6.0  # ... but noise on flat ground is not made into hills
+SHADE_DEPTH = 0.62  # how much of a colour full shade takes away
+SUN_GAIN = 0.55
+HATCH_PX = 7
+LARGEST_SAMPLE = 200_000
+
+
+@dataclass(frozen=True)
+class Ground:
+    """A relief reduced to what a picture can show.
+
+    Attributes
+    ----------
+    extent : west, east, south, north of the arrays.
+    cell_m : edge of a cell after coarsening.
+    elevation_m, above_base_m, fraction : (ny, nx) float64; NaN as in the relief.
+    measured : (ny, nx) float64 in 0..1, the share of cells that points support.
+    """
+
+    extent: Tuple[float, float, float, float]
+    cell_m: float
+    elevation_m: FloatArray
+    above_base_m: FloatArray
+    fraction: FloatArray
+    measured: FloatArray
+
+
+def coarse(relief: Relief, largest: int) -> Ground:
+    """Average cells until neither side has more than `largest`."""
+    factor = max(1, -(-max(relief.elevation_m.shape) // largest))
+    elevation = block_mean(relief.elevation_m, factor)
+    ny, nx = elevation.shape
+    cell = relief.cell_m * factor
+    return Ground(
+        extent=(relief.min_x, relief.min_x + nx * cell, relief.min_y, relief.min_y + ny * cell),
+        cell_m=cell,
+        elevation_m=elevation,
+        above_base_m=block_mean(relief.above_base_m, factor),
+        fraction=np.nan_to_num(block_mean(relief.fraction, factor)),
+        measured=np.nan_to_num(block_mean(relief.measured.astype(np.float64), factor)),
+    )
+
+
+def block_mean(values: FloatArray, factor: int) -> FloatArray:
+    """Return the mean of the finite values of each block, NaN where there is none.
+
+    An incomplete block at the north or east is averaged as it is.
+    """
+    if factor == 1:
+        return np.asarray(values, dtype=np.float64)
+    ny, nx = (-(-n // factor) for n in values.shape)
+    padded = np.full((ny * factor, nx * factor), np.nan)
+    padded[: values.shape[0], : values.shape[1]] = values
+    blocks = padded.reshape(ny, factor, nx, factor)
+    finite = np.isfinite(blocks)
+    count = finite.sum(axis=(1, 3))
+    total = np.where(finite, blocks, 0.0).sum(axis=(1, 3))
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def hill_shade(elevation_m: FloatArray, cell_m: float) -> FloatArray:
+    """Return Lambert's cosine of light from the north-west.
+
+    Returns
+    -------
+    (ny, nx) float64 in 0..1 with flat ground at 0.71; NaN where the elevation is.
+    """
+    east, north = slope(elevation_m, cell_m, 1), slope(elevation_m, cell_m, 0)
+    steepness = _percentile(np.hypot(east, north), 90.0)
+    lift = min(max(STEEP / steepness, 0.3), MOST_EXAGGERATION) if steepness > 0 else 1.0
+    east, north = east * lift, north * lift
+    light = (LIGHT[2] - east * LIGHT[0] - north * LIGHT[1]) / np.sqrt(1 + east**2 + north**2)
+    return np.where(np.isfinite(elevation_m), np.clip(light, 0.0, 1.0), np.nan)
+
+
+def slope(elevation_m: FloatArray, cell_m: float, axis: int) -> FloatArray:
+    """Return the gradient along an axis, one-sided beside a gap, 0 where nothing is known.
+
+    ``numpy.gradient`` would carry every gap one cell further.
+    """
+    step = np.diff(elevation_m, axis=axis) / cell_m
+    pad = [(0, 0), (0, 0)]
+    pad[axis] = (0, 1)
+    ahead = np.pad(step, pad, constant_values=np.nan)
+    pad[axis] = (1, 0)
+    behind = np.pad(step, pad, constant_values=np.nan)
+    ahead = np.where(np.isfinite(ahead), ahead, behind)
+    behind = np.where(np.isfinite(behind), behind, ahead)
+    return np.asarray(np.nan_to_num((ahead + behind) / 2.0))
+
+
+def height_limit(above_base_m: FloatArray) -> float:
+    """Return the height at which the colours end: robust, and the same above and below."""
+    limit = _percentile(np.abs(above_base_m), 99.0)
+    return limit if limit > 0.0 else 1.0
+
+
+def paint(ground: Ground, limit: float) -> npt.NDArray[np.uint8]:
+    """Return the plan's colours: shaded ground, and on it the height above the base.
+
+    Returns
+    -------
+    (ny, nx, 4) uint8 RGBA; transparent where nothing is known.
+    """
+    shade = hill_shade(ground.elevation_m, ground.cell_m)
+    known = np.isfinite(shade)
+    light = np.where(known, shade / LIGHT[2], 1.0)[..., None]
+    grey = lit(np.array([0.845, 0.85, 0.835]), light)
+    scaled = np.nan_to_num(ground.above_base_m / limit) / 2.0 + 0.5
+    height = lit(np.asarray(diverging()(np.clip(scaled, 0.0, 1.0)))[..., :3], light)
+    inside = np.where(np.isfinite(ground.above_base_m), ground.fraction, 0.0)[..., None]
+    rgb = grey * (1.0 - inside) + height * inside
+    alpha = (known | np.isfinite(ground.above_base_m))[..., None]
+    rgba = np.concatenate([rgb, np.broadcast_to(alpha, (*known.shape, 1))], axis=-1)
+    return np.asarray(np.round(rgba * 255.0), dtype=np.uint8)
+
+
+def lit(rgb: FloatArray, light: FloatArray) -> FloatArray:
+    """Return colours in shade or light, in 0..1: darker there, whiter here, of the same hue.
+
+    A mere product would clip the brightest channels, and brown would turn yellow in the sun.
+    """
+    shade, sun = np.minimum(light, 1.0), np.maximum(light - 1.0, 0.0)
+    dark = rgb * (1.0 - SHADE_DEPTH * (1.0 - shade))
+    return np.asarray(dark + (1.0 - dark) * np.minimum(SUN_GAIN * sun, 1.0))
+
+
+def enlarge(
+    rgba: npt.NDArray[np.uint8], ground: Ground, shape: Tuple[int, int]
+) -> npt.NDArray[np.uint8]:
+    """Return the picture in its own pixels, with diagonal lines over interpolated cells.
+
+    `rgba` is (ny, nx, 4) uint8, painted from `ground`; `shape` are rows and columns of the
+    picture, so that the lines stay thin on any grid. Where the grid has more, it is left to whoever
+    draws to reduce it.
+    """
+    ny, nx = ground.fraction.shape
+    rows, columns = max(shape[0], ny), max(shape[1], nx)
+    cells = np.ix_(np.arange(rows) * ny // rows, np.arange(columns) * nx // columns)
+    large: npt.NDArray[np.uint8] = rgba[cells]
+    guessed = interpolated(ground)
+    if guessed.any():
+        stripes = (np.arange(rows)[:, None] + np.arange(columns)[None, :]) % HATCH_PX < 2
+        lines = guessed[cells] & stripes
+        large[lines, :3] = (0.5 * large[lines, :3]).astype(np.uint8) + np.uint8(16)
+    return large
+
+
+def interpolated(ground: Ground) -> npt.NDArray[np.bool_]:
+    """Return the cells of the area that most points passed by."""
+    inside = (ground.fraction > 0.0) & np.isfinite(ground.above_base_m)
+    return np.asarray(inside & (ground.measured < 0.5))
+
+
+def _percentile(values: FloatArray, percent: float) -> float:
+    finite = values[np.isfinite(values)]
+    if not finite.size:
+        return 0.0
+    # A regular sample is enough for colours, and a sort of millions is not.
+    sample = finite[:: max(1, finite.size // LARGEST_SAMPLE)]
+    return float(np.percentile(sample, percent))

@@ -1,0 +1,196 @@
+"""The view of a body that a reader turns on the page: its data, and the page's script for it."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from importlib import resources
+from typing import Any, Dict, Iterable, List, Sequence
+
+import numpy as np
+
+from ...types import AreaResult, FloatArray, Solid
+from ..figures.body.outlines import Section, chosen, sections_of
+from ..figures.look import nice_step
+from ..wording.body import gap_width
+from ..wording.units import Units, count
+from ..wording.words import is_terrain
+from .markup import text
+
+__all__ = ["script", "script_policy", "view_markup"]
+
+MOST_POINTS = {"points": 20_000, "ground": 4_000, "strays": 1_500}
+AT_FULL = 4  # so many views of a page have that many points; more of them share
+MOST_SECTIONS = 64
+MOST_CORNERS = 30_000  # of all outlines together
+MOST_GAPS = 60
+LARGEST = 32767  # of int16
+GRID_CELLS = 6  # along the longer side of a body, at least
+LAYERS = (
+    ("points", "Points of the body"),
+    ("outlines", "Sections"),
+    ("gaps", "Closed gaps"),
+    ("ground", "Ground points"),
+    ("strays", "Stray points"),
+)
+
+
+def script() -> str:
+    """Return what runs on the page, once for all views."""
+    return (resources.files(__package__) / "view.js").read_text("utf-8")
+
+
+def script_policy() -> str:
+    """Return the source expression that lets this script run on the page and no other."""
+    digest = hashlib.sha256(script().encode("utf-8")).digest()
+    return f"'sha256-{base64.b64encode(digest).decode('ascii')}'"
+
+
+def view_markup(result: AreaResult, units: Units, *, north: bool, views: int = 1) -> str:
+    """Return the canvas, its legend and its data; shown only where the script runs.
+
+    `north`: y points north, so that the view may say so. `views` of the page share the points.
+    """
+    solid = result.solid
+    if solid is None or is_terrain(result):
+        return ""
+    sections = chosen(sections_of(result, solid), MOST_SECTIONS)
+    data = _view_data(result, solid, sections, units, min(1.0, AT_FULL / views))
+    if data is None:
+        return ""
+    data["north"] = north
+    words = _alternative(result, solid, sections, units)
+    return (
+        f'<noscript><p class="muted">A view that can be turned needs JavaScript; the picture shows '
+        f"the same sections.</p></noscript>"
+        f'<section class="view" hidden><h3>Turn the body</h3>'
+        f'<canvas tabindex="0" role="img" aria-label="{text(words)}">{text(words)}</canvas>'
+        f'<div class="bar-of-view">{_legend(data, result, solid, len(sections))}{_buttons()}</div>'
+        f'<p class="hint">Drag or arrow keys turn, wheel or + and \u2212 zoom, Shift and drag '
+        f"move; double click or 0 brings back the first view. Grid {text(data['gridText'])}.</p>"
+        f'<script type="application/json">{_harmless_json(data)}</script></section>'
+    )
+
+
+def _harmless_json(data: Dict[str, Any]) -> str:
+    """Return JSON that nothing in it can end: no letter of it starts a tag."""
+    written = json.dumps(data, separators=(",", ":"), allow_nan=False)
+    return written.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
+
+
+def _alternative(
+    result: AreaResult, solid: Solid, sections: Sequence[Section], units: Units
+) -> str:
+    return (
+        f"{result.name} in three dimensions: {len(sections)} of its section outlines between "
+        f"elevation {units.length_text(result.min_z_m)} and {units.length_text(result.max_z_m)}, "
+        f"points of its surface, closed gaps: {len(solid.gaps)}. "
+        "The same sections are in the picture, the numbers in the tables."
+    )
+
+
+def _legend(data: Dict[str, Any], result: AreaResult, solid: Solid, sections: int) -> str:
+    """Return a check box for each kind that the view has."""
+    ground = solid.floor.points if solid.floor else 0
+    of = {
+        "points": result.points_used,
+        "ground": ground,
+        "outlines": len(result.slices),
+        "gaps": len(solid.gaps),
+    }
+    boxes = []
+    for key, words in LAYERS:
+        shown = {"outlines": sections, "gaps": len(data["gaps"])}.get(key)
+        shown = data["layers"].get(key, {}).get("count", 0) if shown is None else shown
+        if shown:
+            total = of.get(key, shown)
+            how = f"{count(shown)} of {count(total)}" if total > shown else count(shown)
+            boxes.append(
+                f'<label><input type="checkbox" data-layer="{key}" checked>'
+                f'<i class="dot {key}"></i>{words} <small>{how}</small></label>'
+            )
+    return f'<div class="legend" role="group" aria-label="What is shown">{"".join(boxes)}</div>'
+
+
+def _buttons() -> str:
+    """Return views from fixed places: azimuth and elevation in degrees."""
+    places = (("From above", "0,90"), ("Front", "0,0"), ("Side", "90,0"), ("First view", ""))
+    return '<div class="turns">{}</div>'.format(
+        "".join(f'<button type="button" data-turn="{to}">{name}</button>' for name, to in places)
+    )
+
+
+def _view_data(
+    result: AreaResult, solid: Solid, sections: Sequence[Section], units: Units, share: float
+) -> Any:
+    """Return all that the script draws, or None when there is nothing."""
+    points = {
+        key: _some(getattr(solid, key), int(most * share)) for key, most in MOST_POINTS.items()
+    }
+    corners = [np.column_stack([r, np.full(len(r), s.z)]) for s in sections for r in s.rings]
+    body = np.vstack([points["points"], *corners])
+    if not len(body):
+        return None
+    low, high = body.min(axis=0), body.max(axis=0)
+    if solid.floor is not None:
+        low[2] = min(low[2], 0.0)
+    wide = max(float(np.max(high[:2] - low[:2])), 1e-6 * max(float(np.ptp(body[:, 2])), 1.0))
+    shown_step = nice_step(wide * units.length_per_m / GRID_CELLS)
+    return {
+        "low": _rounded(low),
+        "high": _rounded(high),
+        "layers": {
+            key: {"count": len(xyz), **_packed(xyz)} for key, xyz in points.items() if len(xyz)
+        },
+        "outlines": _outlines(sections, share),
+        "gaps": [_gap(gap, units) for gap in solid.gaps[:MOST_GAPS]],
+        "grid": shown_step / units.length_per_m,
+        "gridText": f"{shown_step:g} {units.length}",
+        "tall": _rounded([z - solid.origin[2] for z in (result.min_z_m, result.max_z_m)]),
+        "heightText": units.length_text(result.max_z_m - result.min_z_m),
+    }
+
+
+def _gap(gap: Any, units: Units) -> List[Any]:
+    """Return x, y, z, width and what is written at the gap."""
+    return [*_rounded((gap.x, gap.y, gap.z, gap.width)), gap_width(gap, units)]
+
+
+def _rounded(values: Iterable[float]) -> List[float]:
+    """Return seven digits: more than a picture can show."""
+    return [float(f"{value:.7g}") for value in values]
+
+
+def _some(points: Any, at_most: int) -> FloatArray:
+    """Return some of the points, the same ones each time."""
+    known: FloatArray = np.asarray(points, dtype=np.float64).reshape(-1, 3)
+    rows = np.flatnonzero(np.isfinite(known).all(axis=1))
+    if len(rows) > at_most:
+        rows = np.sort(np.random.default_rng(0).choice(rows, at_most, replace=False))
+    return np.take(known, rows, axis=0)
+
+
+def _packed(values: FloatArray) -> Dict[str, Any]:
+    """Return columns of numbers as whole steps of 16 bits from their middle, in base64."""
+    middle = (values.min(axis=0) + values.max(axis=0)) / 2
+    # Rounded before use: both sides then work with the same numbers.
+    middle = np.asarray(_rounded(middle), dtype=np.float64)
+    step = _rounded([max(float(np.abs(values - middle).max()) / LARGEST, 1e-12) * (1 + 1e-6)])[0]
+    whole = np.rint((values - middle) / step).astype("<i2")
+    data = base64.b64encode(whole.tobytes()).decode("ascii")
+    return {"middle": middle.tolist(), "step": step, "data": data}
+
+
+def _outlines(sections: Sequence[Section], share: float) -> Dict[str, Any]:
+    """Return heights, the sections' rings as (section, number of corners), and all corners."""
+    rings = [(i, ring) for i, section in enumerate(sections) for ring in section.rings]
+    corners = sum(len(ring) for _, ring in rings)
+    every = max(1, -(-corners // max(int(MOST_CORNERS * share), 1)))
+    thinned = [(i, ring[::every] if len(ring) >= 3 * every else ring[:3]) for i, ring in rings]
+    return {
+        "z": _rounded([section.z for section in sections]),
+        "share": [round(section.share, 4) for section in sections],
+        "rings": [[i, len(ring)] for i, ring in thinned],
+        **(_packed(np.vstack([ring for _, ring in thinned])) if thinned else {}),
+    }

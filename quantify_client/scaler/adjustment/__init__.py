@@ -1,0 +1,1 @@
+"""The adjustment of everything observed, and the similarity transform that it gives."""

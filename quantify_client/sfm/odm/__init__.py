@@ -1,0 +1,1 @@
+"""What an OpenDroneMap output holds, and where."""

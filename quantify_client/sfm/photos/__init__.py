@@ -1,0 +1,1 @@
+"""Photographs, cameras, and points picked in photographs."""

@@ -1,0 +1,1 @@
+"""NodeODM, ClusterODM and WebODM servers."""

@@ -1,0 +1,395 @@
+"""One request to a server, done carefully; with `watching` and `saving` all that knows requests.
+
+Each request has a connection of its own: a kept one may be closed by the other side just when a
+file is on its way, and then nobody knows whether the file arrived. Secrets never get into a
+message: what requests raises holds the whole URL, so it is put into our own words and dropped.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Callable, Dict, Iterator, Mapping, Optional, Sequence
+from urllib.parse import parse_qsl, urlencode, urljoin, urlsplit, urlunsplit
+
+import requests
+import requests.auth
+import urllib3
+
+from ...errors import ServerError
+from ..redaction import forms, hidden, mask_logs, plain
+from .addresses import checked_url, origin, trusted
+from .faults import OutageError, RefusedError, StatusError
+from .multipart import FileBody
+from .saving import Saving
+from .watching import Lines, Told, Watch, watched
+
+__all__ = ["OutageError", "RefusedError", "Server", "StatusError"]
+
+CONNECT_S = 30.0
+SILENCE_S = 60.0  # without a byte: the line is dead
+ANSWER_SILENCES = 5  # how long a small answer or one block may take, however slowly it drips
+ANSWER_BYTES = 16 << 20  # in memory JSON may take twenty times as much
+REASON_BYTES = 1 << 16
+BLOCK = 1 << 18
+REDIRECTS = 5
+_PLAINLY = {"Connection": "close", "Accept-Encoding": "identity"}
+_NEVER_CONNECTED = ("NewConnectionError", "NameResolutionError", "ConnectTimeout", "Tunnel conn")
+
+
+class _Headers(requests.auth.AuthBase):
+    """Our own headers and no others: requests would take a password from ~/.netrc instead."""
+
+    def __init__(self, headers: Mapping[str, str]) -> None:
+        self._headers = headers
+
+    def __call__(self, request: requests.PreparedRequest) -> requests.PreparedRequest:
+        request.headers.update(self._headers)
+        return request
+
+
+class _Session(requests.Session):
+    """Follows no redirect of itself, and does not read all of its body to find that out."""
+
+    def __init__(self, watch: Watch) -> None:
+        super().__init__()
+        for scheme in ("http://", "https://"):
+            self.mount(scheme, Lines(watch))
+
+    def get_redirect_target(self, resp: requests.Response) -> None:
+        """Say that there is none: `Server` follows them."""
+
+
+class Server:
+    """A server under one address.
+
+    Parameters
+    ----------
+    url : http or https, with any port and any path prefix.
+    query, headers : sent with each request, to this host only.
+    secrets : texts that must show nowhere.
+    ca : a file of certificates to trust instead of the system's.
+    insecure : trust any certificate.
+    silence_s : how long the line may be without a byte.
+    way_in : what to do when the server wants to know who asks; ends a message.
+    room : what to do when the disk is full; ends a message.
+    good : every status that is success.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        *,
+        query: Optional[Mapping[str, str]] = None,
+        headers: Optional[Mapping[str, str]] = None,
+        secrets: Sequence[str] = (),
+        ca: Optional[Path] = None,
+        insecure: bool = False,
+        silence_s: float = SILENCE_S,
+        way_in: str = "check the credentials",
+        room: str = "make room, or mend the folder, and resume",
+        good: Sequence[int] = (200,),
+    ) -> None:
+        self._way_in, self._room, self._good = way_in, room, good
+        self._secrets = [form for secret in secrets if secret for form in forms(secret)]
+        self.url = checked_url(url).rstrip("/")
+        self.name = plain(urlsplit(self.url).netloc)
+        self._query, self._headers = dict(query or {}), dict(headers or {})
+        self._silence_s, self._answer_s = silence_s, silence_s * ANSWER_SILENCES
+        self._verify = trusted(ca, insecure)
+        self._proxies = requests.utils.get_environ_proxies(self.url)  # slow: not for each request
+        mask_logs(self._secrets)
+
+    def __repr__(self) -> str:
+        return f"Server({self.url!r})"
+
+    def identify(self, headers: Mapping[str, str], secrets: Sequence[str]) -> None:
+        """Say from now on who asks, to this host only; ServerError for what no header can hold."""
+        if not all(value.isascii() and value.isprintable() for value in headers.values()):
+            raise ServerError(
+                f"{self.name}: the token holds characters that no token has (a line's end, say); "
+                "look at where it comes from"
+            )
+        new = [form for secret in secrets if secret for form in forms(secret)]
+        self._secrets = [*self._secrets, *(form for form in new if form not in self._secrets)]
+        mask_logs(new)
+        self._headers = dict(headers)
+
+    def redact(self, text: str) -> str:
+        """Return the text with every secret replaced."""
+        return hidden(text, self._secrets)
+
+    def json(
+        self,
+        method: str,
+        path: str,
+        *,
+        query: Optional[Mapping[str, str]] = None,
+        headers: Optional[Mapping[str, str]] = None,
+        upload: Optional[FileBody] = None,
+        **body: Any,
+    ) -> Any:
+        """Send one request and return its JSON answer.
+
+        `body` is what requests takes: ``data``, ``files`` or ``json``. An `upload` instead of it
+        may take as long as it goes on.
+
+        Raises
+        ------
+        OutageError
+            Worth trying again later.
+        ServerError
+            Not worth it; RefusedError when the answer holds an ``error``, StatusError when its
+            status says no.
+        """
+        sent = dict(headers or {})
+        if upload is not None:
+            sent["Content-Type"] = upload.content_type
+
+        def ask(watch: Watch) -> Any:
+            form = body if upload is None else {"data": Told(upload, watch)}
+            with self._request(watch, method, path, query, sent, **form) as response:
+                return self._parsed(response)
+
+        return watched(ask, self._answer_s, self.name)
+
+    def download(
+        self,
+        path: str,
+        part: Path,
+        progress: Callable[[int, Optional[int]], None],
+        *,
+        most: Optional[int] = None,
+        larger: str = "is the file there what it is said to be?",
+        is_json: bool = False,
+    ) -> None:
+        """Write what is at a path into a file and check its length.
+
+        `progress` is told the bytes so far and, where the server says so, of how many; more than
+        `most` are refused, and `larger` then says what to do.
+        """
+
+        def excess() -> None:
+            raise ServerError(
+                f"{self.name}: sends more than the {(most or 0) / 1e6:.1f} MB that "
+                f"{plain(path, 200)} can have; {larger}"
+            )
+
+        def ask(watch: Watch) -> None:
+            with self._request(watch, "GET", path, None, None) as response:
+                self._require_file(response, is_json)
+                length = response.headers.get("Content-Length", "")
+                total = int(length) if re.fullmatch(r"\d{1,18}", length, re.ASCII) else None
+                saving = Saving(part, total, most, excess, self._room)
+                done = saving.save(_telling(response.iter_content(BLOCK), watch), progress)
+            if total is not None and done != total:
+                raise OutageError(f"{self.name}: the download ended after {done} of {total} bytes")
+
+        watched(ask, self._answer_s, self.name)
+
+    def _require_file(self, response: requests.Response, is_json: bool) -> None:
+        kind = response.headers.get("Content-Type", "").lower()
+        if ("json" in kind and not is_json) or "html" in kind:
+            self._parsed(response)
+            raise ServerError(f"{self.name}: sent {plain(kind, 40)} where a file was expected")
+
+    @contextmanager
+    def _request(
+        self,
+        watch: Watch,
+        method: str,
+        path: str,
+        query: Optional[Mapping[str, str]],
+        headers: Optional[Mapping[str, str]],
+        **body: Any,
+    ) -> Iterator[requests.Response]:
+        """Give the answer to a request once its status is good; everything else is our error."""
+        failure: Optional[ServerError] = None
+        url = self.url + path
+        with _Session(watch) as session:
+            try:
+                response = self._sent(session, method, url, query, dict(headers or {}), body)
+                with response:
+                    self._require_good(response)
+                    if _is_packed(response):
+                        raise ServerError(
+                            f"{self.name}: packs its answer, which it was asked not to do; look at "
+                            "the proxy before it"
+                        )
+                    yield response
+            except requests.RequestException as error:
+                failure = self._explained(error)
+            except urllib3.exceptions.HTTPError as error:
+                failure = OutageError(f"{self.name}: the connection broke ({type(error).__name__})")
+        if failure is not None:  # raised here so that it has no context with the URL in it
+            raise failure
+
+    def _sent(self, *request: Any) -> requests.Response:
+        """Send; what a server's nonsense makes of the libraries' parsers becomes our error."""
+        try:
+            return self._send(*request)
+        except (requests.RequestException, urllib3.exceptions.HTTPError):
+            raise
+        except ValueError:
+            pass
+        raise ServerError(
+            f"{self.name}: sends elsewhere, to an address that is none; check the URL, and what "
+            "stands between"
+        )
+
+    def _send(
+        self,
+        session: requests.Session,
+        method: str,
+        url: str,
+        query: Optional[Mapping[str, str]],
+        headers: Dict[str, str],
+        body: Mapping[str, Any],
+    ) -> requests.Response:
+        """Send, and follow redirects of a GET; what is secret stays with the host it is for."""
+        own = urlsplit(self.url)
+        asked = {**self._query, **(query or {})}
+        url = f"{url}?{urlencode(asked)}" if asked else url
+        for _ in range(REDIRECTS + 1):
+            ours = origin(url) == origin(self.url)
+            session.trust_env, session.proxies = not ours, dict(self._proxies) if ours else {}
+            session.auth = _Headers({**_PLAINLY, **(self._headers if ours else {})})
+            response = session.request(
+                method,
+                url,
+                headers=headers,
+                timeout=(CONNECT_S, self._silence_s),
+                stream=True,
+                allow_redirects=False,
+                verify=self._verify,
+                **body,
+            )
+            target = response.headers.get("Location")
+            if response.status_code not in (301, 302, 303, 307, 308) or not target:
+                return response
+            response.close()
+            session.close()  # the next request has a connection of its own, too
+            url = _joined(url, target)
+            other = urlsplit(url)
+            if method != "GET" or other.scheme not in ("http", "https"):
+                break
+            if own.scheme == "https" and other.scheme != "https":
+                break
+            if origin(url) != origin(self.url):
+                url = self._without_secrets(url)
+                session.cookies.clear()  # which do not know ports
+        moved = plain(self.redact(urlunsplit((*urlsplit(url)[:3], "", ""))))
+        raise ServerError(
+            f"{self.name}: sends elsewhere, to {moved}; give the address where the server really is"
+        )
+
+    def _without_secrets(self, url: str) -> str:
+        parts = urlsplit(url)
+        kept = [(k, v) for k, v in parse_qsl(parts.query, True) if self.redact(v) == v]
+        if len(kept) == len(parse_qsl(parts.query, True)):
+            return url  # left as it is: a signed address must not be written anew
+        return urlunsplit((*parts[:3], urlencode(kept), ""))
+
+    def _require_good(self, response: requests.Response) -> None:
+        status = response.status_code
+        if status in self._good:
+            return
+        said = f"{self.name}: answers with status {status}"
+        if status in (408, 425, 429) or status >= 500:
+            raise OutageError(f"{said}; expected 200", unsent=status == 429)
+        ways = {
+            401: f"refuses who asks (401), or wants to know it; {self._way_in}",
+            403: "forbids this (403): the token, or the address that you come from, may not do it",
+            404: "has nothing there (404); check the URL, its port and its path prefix",
+            413: "or a proxy before it refuses a file of that size (413); raise the proxy's limit "
+            "(nginx: client_max_body_size)",
+        }
+        raise StatusError(
+            f"{self.name}: {ways[status]}" if status in ways else said,
+            status,
+            self._reason(response),
+        )
+
+    def _reason(self, response: requests.Response) -> Optional[str]:
+        """Give what a JSON answer says, whatever it is wrapped in."""
+        try:
+            if _is_packed(response):
+                return None
+            document = json.loads(next(response.iter_content(REASON_BYTES), b""))
+            return plain(self.redact(" ".join(_words(document))))
+        except (ValueError, RecursionError, requests.RequestException):
+            return None
+
+    def _parsed(self, response: requests.Response) -> Any:
+        content = bytearray()
+        for block in response.iter_content(BLOCK):
+            content += block
+            if len(content) > ANSWER_BYTES:
+                raise OutageError(f"{self.name}: answers with no end; expected a short JSON text")
+        if content.lstrip()[:1] == b"<":
+            raise OutageError(
+                f"{self.name}: answers with a web page; expected JSON: check the URL, its prefix, "
+                "and whether a proxy or a login page stands between"
+            )
+        failure = None
+        try:
+            document = json.loads(content.decode("utf-8"))
+            wrong = document.get("error") if isinstance(document, dict) else None
+            reason = plain(self.redact(str(wrong))) if wrong else ""
+        except (ValueError, RecursionError):
+            failure = OutageError(f"{self.name}: answers with something that is no JSON")
+        if failure is not None:
+            raise failure
+        if reason:
+            raise RefusedError(f"{self.name}: {reason}", reason)
+        return document
+
+    def _explained(self, error: requests.RequestException) -> ServerError:
+        words = repr(error)
+        if "CERTIFICATE_VERIFY_FAILED" in words:
+            return ServerError(
+                f"{self.name}: its certificate is not trusted; give its authority's (--ca FILE) "
+                "or use --insecure"
+            )
+        if "WRONG_VERSION_NUMBER" in words or "record layer failure" in words:
+            return ServerError(f"{self.name}: speaks no TLS on this port; try http:// for https://")
+        if isinstance(error, (requests.exceptions.InvalidURL, requests.exceptions.InvalidSchema)):
+            return ServerError(f"{self.name}: is no address that can be asked; check the URL")
+        unsent = any(sign in words for sign in _NEVER_CONNECTED)
+        if isinstance(error, requests.exceptions.ReadTimeout):
+            return OutageError(f"{self.name}: says nothing for {self._silence_s:.0f} s")
+        if unsent:
+            return OutageError(f"{self.name}: cannot be reached", unsent=True)
+        return OutageError(f"{self.name}: the connection broke")
+
+
+def _words(document: Any) -> Iterator[str]:
+    """Give the texts in a JSON document."""
+    if isinstance(document, str):
+        yield document
+    elif isinstance(document, (list, dict)):
+        for part in document.values() if isinstance(document, dict) else document:
+            yield from _words(part)
+
+
+def _joined(url: str, target: str) -> str:
+    """Return where a redirect leads; ValueError when nobody could ask there."""
+    url = urljoin(url, target)
+    try:
+        requests.Request("GET", url).prepare()
+    except requests.RequestException:
+        raise ValueError from None
+    return url
+
+
+def _is_packed(response: requests.Response) -> bool:
+    """Whether unpacking would make more of an answer than came: a little may become anything."""
+    return response.headers.get("Content-Encoding", "identity").strip().lower() != "identity"
+
+
+def _telling(blocks: Iterator[bytes], watch: Watch) -> Iterator[bytes]:
+    for block in blocks:
+        watch.tell(len(block))
+        yield block

@@ -1,0 +1,322 @@
+"""Tasks on a WebODM server: the same small interface as a node has (see `jobs.servers`).
+
+What differs, and what is made of it:
+
+- WebODM chooses a task's id. A task is made under a marker for its name, so that one whose answer
+  was lost is found again; each upload gives it its real name.
+- A second file of a name replaces the first: one of unknown fate is simply sent again, and the
+  answer tells how many bytes are there.
+- An upload that takes long writes back all it knew of the task, also that it was not committed: a
+  task found so while it is waited for is committed once more.
+- Values that are false (``false``, 0) are refused as missing: they go as texts.
+- The number of files counts texts, too. A restart leaves the old state until a worker takes it up.
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Callable, List, Mapping, Optional, Sequence
+
+from ...errors import ServerError
+from ..redaction import plain
+from .access import Access
+from .http import OutageError, RefusedError, StatusError
+from .multipart import FileBody
+from .nodeodm import (
+    Engine,
+    TaskLostError,
+    TaskState,
+    TaskStatus,
+    as_options,
+    fetch_archive,
+    task_id,
+)
+from .webodm import WebODM
+
+__all__ = ["WebODMTasks"]
+
+_CANCEL, _RESTART = 1, 3  # pending actions
+_KNOWN = {status.value: status for status in TaskStatus}
+_HIDDEN = "or the user may not see it (WebODM says the same of both)"
+
+
+class WebODMTasks:
+    """The tasks of one project.
+
+    Parameters
+    ----------
+    url, access : the server, and who asks.
+    project : number of the project.
+    task_name : what the task is to be called once it is known to be there ...
+    marker : ... and until then.
+    texts : how many files that are sent are no photographs.
+    """
+
+    label, overwrites, packs_all = "WebODM", True, True
+    forgets = "somebody has removed it there, or the user may not see its project any more"
+
+    def __init__(
+        self,
+        url: str,
+        project: int,
+        access: Access,
+        *,
+        silence_s: float = 60.0,
+        task_name: str = "",
+        marker: str = "",
+        texts: int = 0,
+    ) -> None:
+        self._server = WebODM(url, access, silence_s=silence_s, public=False)
+        self.url, self.name = self._server.url, self._server.name
+        self._project = project
+        self._tasks = f"/api/projects/{project}/tasks/"
+        self._task_name, self._marker, self._texts = task_name, marker, texts
+
+    def __repr__(self) -> str:
+        return f"WebODMTasks({self.url!r}, {self._project})"
+
+    def info(self) -> Mapping[str, Any]:
+        """Ask for the project; RefusedError when it is not there for this user."""
+        failure: Optional[StatusError] = None
+        try:
+            return self._object(self._server.json("GET", f"/api/projects/{self._project}/"))
+        except StatusError as error:
+            failure = error
+        raise self._refused(failure, f"has no project {self._project}, {_HIDDEN}")
+
+    def engine(self) -> Engine:
+        """Return what the nodes behind WebODM say; ServerError when nobody could take a task."""
+        rights = self.info().get("permissions")
+        if isinstance(rights, list) and "change" not in rights:
+            raise ServerError(
+                f"{self.name}: the user may look at project {self._project}, not add to it; ask "
+                "its owner, or use another project"
+            )
+        found = self._asked("GET", "/api/processingnodes/")
+        online = [node for node in self._objects(found) if node.get("online")]
+        if not online:
+            raise ServerError(
+                f"{self.name}: has no processing node that is online and open to the user; a task "
+                "would wait for ever: start one there"
+            )
+        limits = [node.get("max_images") for node in online]
+        known = [limit for limit in limits if isinstance(limit, int)]
+        engines = sorted({f"{n.get('engine')} {n.get('engine_version')}" for n in online})
+        nodes = f"{len(online)} node{'s' if len(online) > 1 else ''}"
+        return Engine(
+            plain(f"(project {self._project}; {nodes}: {', '.join(engines)})", 120),
+            max(known) if known and len(known) == len(limits) else None,
+        )
+
+    def options(self) -> List[Any]:
+        """Return the options that all nodes behind WebODM have."""
+        return as_options(self._asked("GET", "/api/processingnodes/options/"), self.name)
+
+    def init(
+        self, uuid: str, name: str, options: Mapping[str, Any], outputs: Sequence[str] = ()
+    ) -> str:
+        """Make a task that takes files; or find the one that an earlier call has made."""
+        if self._find(uuid) is not None:
+            return uuid
+        mine = self._marked()
+        if mine:
+            return task_id(mine[0].get("id"), self.name)
+        given = {
+            "name": self._marker,
+            "partial": True,
+            "auto_processing_node": True,
+            "options": [{"name": key, "value": _sendable(v)} for key, v in options.items()],
+        }
+        made = self._object(self._asked("POST", self._tasks, json=given))
+        return task_id(made.get("id"), self.name)
+
+    def upload(
+        self,
+        uuid: str,
+        path: Path,
+        name: str,
+        *,
+        sent: Optional[Callable[[int], None]] = None,
+        stopped: Optional[Callable[[], bool]] = None,
+    ) -> None:
+        """Send one file, in the place of any other of its name."""
+        texts = {"name": " ".join(self._task_name.split())}
+        body = FileBody(path, name, texts=texts, sent=sent, stopped=stopped)
+        answer = self._object(
+            self._of_task(
+                uuid,
+                "POST",
+                "upload/",
+                upload=body,
+            )
+        )
+        arrived = answer.get("uploaded")
+        if isinstance(arrived, dict) and arrived and name not in arrived:
+            other = plain(", ".join(map(str, arrived)), 80)
+            reason = f"has stored {plain(name, 80)!r} as {other!r}"
+            raise RefusedError(f"{self.name}: {reason}; rename the photograph", reason)
+        if not isinstance(arrived, dict) or arrived.get(name) != body.size:
+            raise OutageError(
+                f"{self.name}: does not confirm that all of {plain(name, 80)} has arrived"
+            )
+
+    def commit(self, uuid: str) -> None:
+        """End the upload; what lost answers have left behind goes."""
+        for other in self._marked():
+            if str(other.get("id")) != uuid:
+                self._remove(other)
+        self._of_task(uuid, "POST", "commit/")
+
+    def is_committed(self, uuid: str) -> bool:
+        """Whether the task takes no more files."""
+        found = self._find(uuid)
+        return found is not None and not found.get("partial")
+
+    def task(self, uuid: str) -> TaskState:
+        """Ask for a task; TaskLostError when it is not there for this user."""
+        found = self._object(self._of_task(uuid, "GET"))
+        if found.get("partial"):
+            found = self._object(self._of_task(uuid, "POST", "commit/"))
+        failure = None
+        try:
+            return self._state(found)
+        except (KeyError, TypeError, ValueError, OverflowError):
+            failure = OutageError(f"{self.name}: says nothing that makes sense of task {uuid}")
+        raise failure
+
+    def output(self, uuid: str, lines: int = 20) -> List[str]:
+        """Return the last lines of the task's output."""
+        found = self._of_task(uuid, "GET", "output/", query={"limit": str(-lines)})
+        whole = found if isinstance(found, str) else ""
+        split = [plain(line) for line in whole.splitlines() if line.strip()]
+        return split[-lines:]
+
+    def cancel(self, uuid: str) -> None:
+        """Stop a task; a worker does it when it comes to it."""
+        self._of_task(uuid, "POST", "cancel/")
+
+    def discard(self, uuid: str) -> None:
+        """Remove a task that was never committed, with the files that it has got."""
+        found = self._find(uuid)
+        for task in [found, *self._marked()]:
+            if task is not None and task.get("partial"):
+                self._remove(task)
+
+    def restart(self, uuid: str) -> bool:
+        """Have the task run again with the photographs that are there."""
+        found = self._find(uuid)
+        if found is None or found.get("partial") or found.get("processing_node") is None:
+            return False  # WebODM restarts only what a node has had
+        self._of_task(uuid, "POST", "restart/")
+        return True
+
+    def download(
+        self,
+        uuid: str,
+        target: Path,
+        progress: Callable[[int, Optional[int]], None] = lambda done, total: None,
+        most: Optional[int] = None,
+    ) -> None:
+        """Fetch a task's all.zip: into ``.part`` first, its length and contents checked."""
+        failure: Optional[StatusError] = None
+        try:
+            path = f"{self._tasks}{uuid}/download/all.zip"
+            fetch_archive(self._server, path, target, progress, most)
+        except StatusError as error:
+            failure = error
+        if failure is not None:
+            if failure.status == 404 and self._find(uuid) is None:
+                raise self._lost(uuid)
+            raise self._refused(failure, str(failure))
+
+    def _state(self, found: Mapping[str, Any]) -> TaskState:
+        # A task that nothing has been done about yet has no status.
+        status = TaskStatus.QUEUED if found.get("status") is None else _KNOWN[found["status"]]
+        pending = found.get("pending_action")
+        sending = float(found.get("upload_progress") or 0.0)
+        running = float(found.get("running_progress") or 0.0)
+        elapsed = float(found.get("processing_time", -1))
+        if not all(map(math.isfinite, (sending, running, elapsed))):
+            raise ValueError
+        if pending == _RESTART:  # the rest is still the last run's
+            status, running, elapsed = TaskStatus.QUEUED, 0.0, -1.0
+        note = ""
+        if pending == _CANCEL:
+            note = "being cancelled"
+        elif status == TaskStatus.QUEUED and 0.0 < sending < 1.0:
+            note = f"WebODM hands the photographs on ({100 * sending:.0f} %)"
+        return TaskState(
+            status=status,
+            progress=100.0 * min(max(running, 0.0), 1.0),
+            images=int(found.get("images_count", -1)) - self._texts,
+            counted=True,
+            error=plain(found.get("last_error") or ""),
+            elapsed_s=elapsed / 1000 if elapsed >= 0 else None,
+            note=note,
+        )
+
+    def _find(self, uuid: str) -> Optional[Mapping[str, Any]]:
+        try:
+            return self._object(self._of_task(uuid, "GET"))
+        except TaskLostError:
+            return None
+
+    def _marked(self) -> List[Mapping[str, Any]]:
+        """Find the uploads of this job that have no file yet."""
+        found = self._objects(self._asked("GET", self._tasks))
+        return [
+            task
+            for task in found
+            if task.get("partial") and self._marker and task.get("name") == self._marker
+        ]
+
+    def _remove(self, task: Mapping[str, Any]) -> None:
+        with suppress(TaskLostError):  # or one who may not delete: WebODM does so after three days
+            self._of_task(str(task.get("id")), "POST", "remove/")
+
+    def _asked(self, method: str, path: str, **rest: Any) -> Any:
+        failure: Optional[StatusError] = None
+        try:
+            return self._server.json(method, path, **rest)
+        except StatusError as error:
+            failure = error
+        raise self._refused(failure, str(failure))
+
+    def _of_task(self, uuid: str, method: str, action: str = "", **rest: Any) -> Any:
+        failure: Optional[StatusError] = None
+        try:
+            return self._server.json(method, f"{self._tasks}{uuid}/{action}", **rest)
+        except StatusError as error:
+            failure = error
+        if failure.status == 404 and failure.reason is not None:
+            raise self._lost(uuid)
+        raise self._refused(failure, str(failure))
+
+    def _lost(self, uuid: str) -> TaskLostError:
+        reason = f"no such task in project {self._project}, {_HIDDEN}"
+        return TaskLostError(f"{self.name}: {reason}: {uuid}", reason)
+
+    def _refused(self, failure: StatusError, words: str) -> ServerError:
+        if failure.status in (401, 403) or failure.reason is None:
+            return failure
+        said = words if words.startswith(self.name) else f"{self.name}: {words}"
+        return RefusedError(said, failure.reason)
+
+    def _object(self, answer: Any) -> Mapping[str, Any]:
+        if not isinstance(answer, dict):
+            raise OutageError(f"{self.name}: answers with JSON of another kind than expected")
+        return answer
+
+    def _objects(self, answer: Any) -> List[Mapping[str, Any]]:
+        """Take a list, whole or as a page of one."""
+        if isinstance(answer, dict):
+            answer = answer.get("results")
+        if not isinstance(answer, list) or not all(isinstance(one, dict) for one in answer):
+            raise OutageError(f"{self.name}: answers with something that is no list")
+        return answer
+
+
+def _sendable(value: Any) -> Any:
+    return value if value else str(value).lower()

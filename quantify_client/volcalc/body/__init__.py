@@ -1,0 +1,1 @@
+"""Closed bodies: the space that a surface encloses."""

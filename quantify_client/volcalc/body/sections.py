@@ -1,0 +1,201 @@
+"""Horizontal sections of a body: areas and outlines at levels, volumes between levels.
+
+The surface is made of triangles. A level cuts a triangle in a chord; the chords of a level are the
+section's outlines, and the shoelace over them is its area. Between two heights of corners the area
+is a polynomial of second degree, so its integral over height is known: slices add up to the same
+volume however many there are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...types import FloatArray, IntArray
+from .tetrahedra import Tetrahedra
+
+__all__ = ["Surface", "surface_of"]
+
+
+@dataclass(frozen=True)
+class Surface:
+    """The triangles of a closed surface, their corners sorted by height.
+
+    Attributes
+    ----------
+    corners : (K, 3, 3) float64
+        Lowest, middle and highest corner of each triangle: x, y, z.
+    number : (K, 3) int64
+        Of these points.
+    sign : (K,) float64
+        1 where the body lies to the left of the way from the longest edge, lowest to highest
+        corner, to the middle corner; else -1.
+    bottom, top : (K,) float64
+        The triangle is surface between these elevations only (its own, unless water stands there).
+    """
+
+    corners: FloatArray
+    number: IntArray
+    sign: FloatArray
+    bottom: FloatArray
+    top: FloatArray
+
+    @property
+    def lowest(self) -> float:
+        """Elevation of the lowest point."""
+        return float(self.bottom.min())
+
+    @property
+    def highest(self) -> float:
+        """Elevation of the highest point."""
+        return float(self.top.max())
+
+    def volume(self) -> float:
+        """Return what lies within, cubic metres."""
+        return float(self.volume_below(np.array([self.highest]))[0])
+
+    def area(self) -> float:
+        """Return the area of the surface, water included, square metres."""
+        low, middle, high = (self.corners[:, i] for i in range(3))
+        area = 0.5 * np.linalg.norm(np.cross(middle - low, high - low), axis=1)
+        height = high[:, 2] - low[:, 2]
+        cut = (self.top - self.bottom) / np.where(height > 0.0, height, 1.0)
+        # The body is smaller just above water than just below it, by the water's own area.
+        water = np.unique(self.top[self.top < high[:, 2]])
+        step = 1e-6 * (self.highest - self.lowest)
+        lids = self.areas(water - step) - self.areas(water + step)
+        return float(np.sum(area * cut) + lids.sum())
+
+    def volume_below(self, levels: FloatArray) -> FloatArray:
+        """(L,) cubic metres below each level; levels ascend."""
+        every = np.arange(len(self.sign))
+        start = self._below(every, self.bottom)
+        whole = self._below(every, self.top) - start
+        order = np.argsort(self.top, kind="stable")
+        done = np.concatenate([[0.0], np.cumsum(whole[order])])
+        volume: FloatArray = done[np.searchsorted(self.top[order], levels, side="right")]
+        triangle, level = self._cuts(levels)
+        part = self._below(triangle, levels[level]) - start[triangle]
+        volume += np.bincount(level, part, len(levels))
+        return volume
+
+    def areas(self, levels: FloatArray) -> FloatArray:
+        """(L,) square metres of the section at each level; levels ascend."""
+        triangle, level = self._cuts(levels)
+        here, there = self._chords(triangle, levels[level])
+        shoelace = 0.5 * (here[:, 0] + there[:, 0]) * (there[:, 1] - here[:, 1])
+        areas: FloatArray = np.zeros(len(levels))
+        np.add.at(areas, level, self.sign[triangle] * shoelace)
+        return areas
+
+    def outlines(self, level: float) -> list[FloatArray]:
+        """Return the closed outlines of a section: (K, 2) each, x and y, the body to the left."""
+        triangle = self._cuts(np.array([level]))[0]
+        here, there = self._chords(triangle, np.full(len(triangle), level))
+        low, middle, high = self.number[triangle].T
+        upper = self.corners[triangle, 1, 2] <= level
+        # A chord ends on two edges; an edge is known by its two points.
+        count = int(self.number.max()) + 1 if len(self.number) else 1
+        long_edge = np.minimum(low, high) * count + np.maximum(low, high)
+        other = np.where(upper, high, low)
+        short_edge = np.minimum(other, middle) * count + np.maximum(other, middle)
+        forward = self.sign[triangle] > 0
+        begin = np.where(forward, long_edge, short_edge)
+        end = np.where(forward, short_edge, long_edge)
+        return _rings(begin, end, np.where(forward[:, None], here, there))
+
+    def _cuts(self, levels: FloatArray) -> tuple[IntArray, IntArray]:
+        """Return each pair of a triangle and a level that cuts it."""
+        low = np.searchsorted(levels, self.bottom, side="left")
+        count = np.maximum(np.searchsorted(levels, self.top, side="left") - low, 0)
+        triangle = np.repeat(np.arange(len(count)), count)
+        before = np.cumsum(count) - count
+        level = np.arange(count.sum()) - before[triangle] + low[triangle]
+        return triangle, level
+
+    def _chords(self, triangle: IntArray, level: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(C, 2) ends of the chords: on the edge from lowest to highest corner, on another."""
+        low, middle, high = (self.corners[triangle, i] for i in range(3))
+        upper = (middle[:, 2] <= level)[:, None]
+        return (
+            _between(low, high, level),
+            _between(np.where(upper, middle, low), np.where(upper, high, middle), level),
+        )
+
+    def _below(self, triangle: IntArray, level: FloatArray) -> FloatArray:
+        """(C,) integral of the triangles' share of the area, from their feet to a level."""
+        low, middle, high = (self.corners[triangle, i] for i in range(3))
+        first = _wedge(low, middle, high, np.clip(level, low[:, 2], middle[:, 2]) - low[:, 2])
+        whole = _wedge(high, middle, low, middle[:, 2] - high[:, 2])
+        second = _wedge(high, middle, low, np.clip(level, middle[:, 2], high[:, 2]) - high[:, 2])
+        integral: FloatArray = self.sign[triangle] * (first + second - whole)
+        return integral
+
+
+def surface_of(space: Tetrahedra, ceiling: FloatArray) -> Surface:
+    """Return the surface of what lies in tetrahedra below their ceilings.
+
+    Parameters
+    ----------
+    ceiling : (M + 1,) float64
+        Elevation up to which each tetrahedron is part of the body: inf, -inf, or between.
+    """
+    one, other = ceiling[space.first], ceiling[space.second]
+    face = np.flatnonzero(one != other)
+    one, other = one[face], other[face]
+    points = space.faces[face]
+    z = space.points[points, 2]
+    order = np.argsort(z, axis=1, kind="stable")
+    number = np.take_along_axis(points, order, axis=1)
+    corners = space.points[number]
+    # Seen from the second tetrahedron the corners turn to the left; an odd exchange turns them
+    # back.
+    odd = np.linalg.det(np.eye(3)[order]) < 0.0
+    outward = one > other
+    sign = np.where(odd == outward, -1.0, 1.0)
+    bottom = np.maximum(corners[:, 0, 2], np.minimum(one, other))
+    top = np.minimum(corners[:, 2, 2], np.maximum(one, other))
+    kept = bottom < top
+    return Surface(corners[kept], number[kept], sign[kept], bottom[kept], top[kept])
+
+
+def _between(low: FloatArray, high: FloatArray, level: FloatArray) -> FloatArray:
+    """(C, 2) where edges cross levels."""
+    height = high[:, 2] - low[:, 2]
+    share = np.divide(level - low[:, 2], height, out=np.zeros_like(height), where=height > 0.0)
+    crossing: FloatArray = low[:, :2] + share[:, None] * (high[:, :2] - low[:, :2])
+    return crossing
+
+
+def _wedge(tip: FloatArray, middle: FloatArray, end: FloatArray, height: FloatArray) -> FloatArray:
+    """(C,) integral over height, from a triangle's tip, of x dy along its chords.
+
+    ``height`` counts from the tip, negative downwards, and ends at the middle corner at most.
+    """
+    to_middle, to_end = middle - tip, end - tip
+    flat = to_middle[:, 2] == 0.0
+    rise_middle = np.where(flat, 1.0, to_middle[:, 2])
+    rise_end = np.where(flat, 1.0, to_end[:, 2])
+    near, far = to_middle / rise_middle[:, None], to_end / rise_end[:, None]
+    wide = near[:, 1] - far[:, 1]
+    lean = 0.5 * (near[:, 0] + far[:, 0])
+    integral = wide * height**2 * (0.5 * tip[:, 0] + lean * height / 3.0)
+    return np.where(flat, 0.0, integral)
+
+
+def _rings(begin: IntArray, end: IntArray, start: FloatArray) -> list[FloatArray]:
+    """Return closed ways along chords: each goes on where one begins that the last one ended."""
+    # Where bodies touch, several chords begin on one edge, and as many end there.
+    following = np.empty_like(begin)
+    following[np.argsort(end, kind="stable")] = np.argsort(begin, kind="stable")
+    used, rings = [False] * len(begin), []
+    for chord in range(len(begin)):
+        ring = []
+        while not used[chord]:
+            used[chord] = True
+            ring.append(chord)
+            chord = int(following[chord])
+        if len(ring) >= 3:
+            rings.append(start[ring])
+    return rings

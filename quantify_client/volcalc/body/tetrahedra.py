@@ -1,0 +1,155 @@
+"""Space divided by the points of a body: tetrahedra, and how wide a passage each face is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import Delaunay
+
+from ...errors import InputError
+from ...types import FloatArray, IntArray
+from .spacing import spacings
+
+__all__ = ["Tetrahedra", "tetrahedralize"]
+
+#: Points are moved by up to this share of their spacing. Points exactly on one plane, sphere or
+#: tube have no unique triangulation, and finding one takes many times longer; volumes do not see
+#: it.
+_JOGGLE = 0.01
+
+_FEWEST = 5  # points; four span one tetrahedron, which has no inside to find
+
+#: Points whose smallest extent is a smaller share of their largest lie in one plane.
+_FLAT = 1e-6
+
+#: Corners of a tetrahedron that face 0, 1, 2 and 3 (opposite of that corner) has.
+_FACES = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
+
+
+@dataclass(frozen=True)
+class Tetrahedra:
+    """The Delaunay tetrahedra of some points, and the faces between them.
+
+    Attributes
+    ----------
+    points : (N, 3) float64
+        Metres, relative to an origin near them.
+    spacing : (N,) float64
+        Distance of each point to its sixth neighbour, metres.
+    corners : (M, 4) int64
+        Points of each tetrahedron.
+    volume : (M + 1,) float64
+        Cubic metres; the last one, of all space around the convex hull, is 0.
+    first, second : (F,) int64
+        The two tetrahedra of each face, ``second`` being M for all space around.
+    faces : (F, 3) int64
+        Points of each face, counter-clockwise seen from its second tetrahedron.
+    width : (F,) float64
+        Diameter of the largest ball that passes through a face, metres: of the smallest circle
+        round its three corners.
+    """
+
+    points: FloatArray
+    spacing: FloatArray
+    corners: IntArray
+    volume: FloatArray
+    first: IntArray
+    second: IntArray
+    faces: IntArray
+    width: FloatArray
+
+    @property
+    def around(self) -> int:
+        """The number of what is around the convex hull."""
+        return len(self.corners)
+
+    def face_areas(self, which: IntArray) -> FloatArray:
+        """Return the (K,) areas of some faces, square metres."""
+        areas: FloatArray = 0.5 * np.linalg.norm(_normals(self.points, self.faces[which]), axis=1)
+        return areas
+
+
+def tetrahedralize(points: FloatArray) -> Tetrahedra:
+    """Divide the space between points.
+
+    Parameters
+    ----------
+    points : (N, 3) float64, metres, distinct and in an order that does not depend on the file's.
+
+    Raises
+    ------
+    InputError
+        For fewer than five points, and for points that all lie in one plane.
+    """
+    _refuse_flat(points)
+    spacing = spacings(points)
+    rng = np.random.default_rng(0)
+    points = points + rng.uniform(-_JOGGLE, _JOGGLE, points.shape) * spacing[:, None]
+    delaunay = Delaunay(points)
+    corners = delaunay.simplices.astype(np.int64)
+    first, second, faces, areas = _faces(points, corners, delaunay.neighbors.astype(np.int64))
+    return Tetrahedra(
+        points=points,
+        spacing=spacing,
+        corners=corners,
+        volume=np.append(_volumes(points, corners), 0.0),
+        first=first,
+        second=second,
+        faces=faces,
+        width=_widths(points, faces, areas),
+    )
+
+
+def _refuse_flat(points: FloatArray) -> None:
+    """Raise where the points span no body."""
+    if len(points) >= _FEWEST:
+        spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+        if spread[2] > _FLAT * spread[0]:
+            return
+    raise InputError(
+        f"{len(points)} distinct points span no body (fewer than {_FEWEST}, or all in one plane): "
+        "give points all round its surface"
+    )
+
+
+def _faces(
+    points: FloatArray, corners: IntArray, neighbors: IntArray
+) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
+    """Return each face once: its two tetrahedra, its points and its area."""
+    count = len(corners)
+    first = np.repeat(np.arange(count), 4)
+    second = np.where(neighbors < 0, count, neighbors).ravel()
+    once = np.flatnonzero(first < second)
+    first, second, opposite = first[once], second[once], once % 4
+    faces = corners[first[:, None], _FACES[opposite]]
+    normals = _normals(points, faces)
+    inside = points[corners[first, opposite]] - points[faces[:, 0]]
+    turned = np.einsum("ij,ij->i", normals, inside) > 0.0
+    faces[turned] = faces[turned, ::-1]
+    return first, second, faces, 0.5 * np.linalg.norm(normals, axis=1)
+
+
+def _normals(points: FloatArray, faces: IntArray) -> FloatArray:
+    """(F, 3) normals of triangles, twice as long as their areas."""
+    a, b, c = (points[faces[:, i]] for i in range(3))
+    normals: FloatArray = np.cross(b - a, c - a)
+    return normals
+
+
+def _volumes(points: FloatArray, corners: IntArray) -> FloatArray:
+    """(M,) volumes of the tetrahedra."""
+    a, b, c, d = (points[corners[:, i]] for i in range(4))
+    b, c, d = b - a, c - a, d - a
+    volumes: FloatArray = np.abs(np.einsum("ij,ij->i", b, np.cross(c, d))) / 6.0
+    return volumes
+
+
+def _widths(points: FloatArray, faces: IntArray, areas: FloatArray) -> FloatArray:
+    """(F,) diameters of the smallest circles round triangles."""
+    a, b, c = (points[faces[:, i]] for i in range(3))
+    sides = np.sort([np.linalg.norm(d, axis=1) for d in (b - a, c - b, a - c)], axis=0)
+    around = np.prod(sides, axis=0) / np.maximum(2.0 * areas, np.finfo(float).tiny)
+    obtuse = sides[2] ** 2 >= sides[0] ** 2 + sides[1] ** 2
+    widths: FloatArray = np.where(obtuse, sides[2], around)
+    return widths

@@ -1,0 +1,180 @@
+"""Points of a body, thinned while they stream by: one centroid for each small cube.
+
+The cubes start so small that hardly two points share one, and double in size while there are too
+many of them. Which size it ends with depends on all points together, sums are integers: the same
+in any order, from any chunks, in any number of threads. Their edges are powers of two and their
+corners whole multiples of them, so that a header's box a little wider or narrower moves none.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...types import FloatArray, IntArray
+
+__all__ = ["Thinned", "VoxelAccumulator", "thin"]
+
+_KEY_BITS = 20  # of a cube's number along one axis, at first
+_FINER_BITS = 10  # of a point's place within such a cube
+_END = 1 << (_KEY_BITS + _FINER_BITS)
+
+#: The first corner is a multiple of the whole size / 2^6: of every cube that can become of the
+#: finest ones, since there are never more than 2^18 cubes of that size.
+_CORNER_BITS = 6
+
+#: Cubes kept while streaming.
+_MOST_STREAMING = 400_000
+
+#: Points that the answer needs: the surface is then known to some hundredths of a percent.
+MOST_POINTS = 60_000
+
+
+@dataclass(frozen=True)
+class Thinned:
+    """Centroids: (N, 3) float64 metres; points in each; the edge of the cubes, 0 for none."""
+
+    points: FloatArray
+    counts: IntArray
+    edge: float
+
+
+@dataclass(frozen=True)
+class _Cubes:
+    """Ascending numbers of cubes; for the points in each the count and sums of coordinates."""
+
+    number: IntArray
+    counts: IntArray
+    sums: IntArray
+
+    @classmethod
+    def empty(cls) -> _Cubes:
+        none = np.empty(0, dtype=np.int64)
+        return cls(none, none, np.empty((0, 3), dtype=np.int64))
+
+    @classmethod
+    def of(cls, number: IntArray, counts: IntArray, sums: IntArray) -> _Cubes:
+        """Return one element for each number."""
+        if not len(number):
+            return cls.empty()
+        order = np.argsort(number, kind="stable")
+        number = number[order]
+        start = np.flatnonzero(np.diff(number, prepend=number[0] - 1))
+        return cls(
+            number[start],
+            np.add.reduceat(counts[order], start),
+            np.add.reduceat(sums[order], start, axis=0),
+        )
+
+    def joined(self, other: _Cubes) -> _Cubes:
+        return _Cubes.of(
+            np.concatenate([self.number, other.number]),
+            np.concatenate([self.counts, other.counts]),
+            np.concatenate([self.sums, other.sums]),
+        )
+
+    def coarser(self, levels: int) -> _Cubes:
+        """Return cubes of twice the size, `levels` times over."""
+        if not levels:
+            return self
+        mask = (1 << _KEY_BITS) - 1
+        number = np.zeros_like(self.number)
+        for axis in range(3):
+            shift = axis * _KEY_BITS
+            number |= (((self.number >> shift) & mask) >> levels) << shift
+        return _Cubes.of(number, self.counts, self.sums)
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """A chunk's share: cubes at some level, and how many points were seen."""
+
+    cubes: _Cubes
+    level: int
+    seen: int
+
+
+class VoxelAccumulator:
+    """Points of a body as cubes, from chunks in any order.
+
+    ``reduce`` is pure and runs in any thread; ``absorb`` runs in one at a time.
+
+    Parameters
+    ----------
+    low, high : (3,) corners of the box that the points lie in, metres. Points far outside are
+        seen, and not placed.
+    """
+
+    def __init__(self, low: FloatArray, high: FloatArray) -> None:
+        low = np.asarray(low, dtype=np.float64)
+        extent = max(float(np.max(np.asarray(high) - low)), 1e-9)
+        # Room for the corner's own step below, and as much above.
+        self.size = 2.0 ** math.ceil(math.log2(extent * (1.0 + 3.0 * 2.0**-_CORNER_BITS)))
+        step = self.size * 2.0**-_CORNER_BITS
+        # A power of two times a coordinate near enough is exact: so are a point's cube and place.
+        self._low: FloatArray = np.floor(low / step - 0.5) * step
+        self._fine = _END / self.size
+        self._level = 0
+        self._cubes = _Cubes.empty()
+        self.seen = 0
+
+    def reduce(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Reduced:
+        """Return the share of some points, in metres of the measuring frame."""
+        level = self._level
+        fine = [np.floor((values - low) * self._fine) for values, low in zip((x, y, z), self._low)]
+        inside = np.logical_and.reduce([(axis >= 0) & (axis < _END) for axis in fine])
+        sums = np.column_stack([axis[inside].astype(np.int64) for axis in fine])
+        number = np.zeros(len(sums), dtype=np.int64)
+        for axis in range(3):
+            number |= (sums[:, axis] >> (_FINER_BITS + level)) << (axis * _KEY_BITS)
+        return Reduced(_Cubes.of(number, np.ones_like(number), sums), level, len(x))
+
+    def absorb(self, reduced: Reduced) -> None:
+        """Add a chunk's share."""
+        self.seen += reduced.seen
+        self._cubes = self._cubes.joined(reduced.cubes.coarser(self._level - reduced.level))
+        while len(self._cubes.number) > _MOST_STREAMING:
+            self._cubes = self._cubes.coarser(1)
+            self._level += 1
+
+    @property
+    def grain(self) -> float:
+        """Edge of the cubes that are kept, metres: points nearer to each other may be one."""
+        return self.size / (1 << (_KEY_BITS - self._level))
+
+    @property
+    def placed(self) -> int:
+        """Points that lie in the box."""
+        return int(self._cubes.counts.sum())
+
+    def thinned(self, most: int = MOST_POINTS) -> Thinned:
+        """Return centroids, in an order that depends on nothing but the points: by z, y and x."""
+        held = self._cubes.counts[:, None]
+        # Whole steps, as the points' own places are: what the corner is leaves no trace.
+        steps = (2 * self._cubes.sums + held) // (2 * held)
+        order = np.lexsort(steps.T)
+        middles = (steps[order] + 0.5) / self._fine + self._low
+        edge = self.grain if self._level else 0.0
+        return thin(Thinned(middles, self._cubes.counts[order], edge), most)
+
+
+def thin(fine: Thinned, most: int) -> Thinned:
+    """Return centroids of larger cubes, of which there are `most` or somewhat fewer."""
+    edge, result = fine.edge, fine
+    low = fine.points.min(axis=0) if len(fine.points) else np.zeros(3)
+    size = float(np.ptp(fine.points, axis=0).max()) if len(fine.points) else 0.0
+    while len(result.points) > most:
+        # On a surface the number of cubes falls with the square of their size.
+        grown = max(1.02, (len(result.points) / most) ** 0.5 * 0.98)
+        edge = max(edge, size / (len(fine.points) / 2.0) ** 0.5 / 8.0) * grown
+        cell = np.floor((fine.points - low) / edge).astype(np.int64)
+        number = (cell[:, 0] << 42) | (cell[:, 1] << 21) | cell[:, 2]
+        order = np.argsort(number, kind="stable")
+        start = np.flatnonzero(np.diff(number[order], prepend=-1))
+        counts = np.add.reduceat(fine.counts[order], start)
+        weighted = (fine.points - low) * fine.counts[:, None]
+        sums = np.add.reduceat(weighted[order], start, axis=0)
+        result = Thinned(sums / counts[:, None] + low, counts, edge)
+    return result

@@ -1,0 +1,1 @@
+"""Closed meshes: the volume within their faces, exactly."""

@@ -1,0 +1,1 @@
+"""The paper's slices, kept as the reference: ``--method polar``."""

@@ -1,0 +1,1 @@
+"""Terrain: cut, fill and net of an open surface above a base."""

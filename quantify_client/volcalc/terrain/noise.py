@@ -1,0 +1,344 @@
+"""How far cell heights stray from the ground, and over what distance they stray together.
+
+Photogrammetric errors are neighbours' errors: a volume's error falls much more slowly with the
+number of points than for independent ones. Blocks of growing size are compared with their
+neighbours by differences in both directions at once, which terrain hardly enters (planes, cylinders
+and whatever else is f(x) + g(y) give zero), and robustly, so that edges do not count: by first
+differences on the ground around the area, by second ones where there is too little of that. How
+the spread falls with the block size tells independent noise (as 1 / size) from correlated noise
+(it stays until the blocks are larger than the correlation length).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from scipy import ndimage, optimize
+
+from ...types import FloatArray
+from .robust import quantile
+
+__all__ = ["Noise", "functional_std", "measure_noise", "sampled_std"]
+
+#: Autocorrelation of the first difference (1, -1) and of the second (1, -2, 1): at lag 0, then at
+#: lags -n and n together. Squared at lag 0 it is the variance of a mixed difference of
+#: independent values of variance 1.
+_AUTOCORRELATION = {1: (2.0, -2.0), 2: (6.0, -8.0, 2.0)}
+
+#: The spread is read from this quantile of the absolute differences, below the median since the
+#: largest come from the shape of the ground; and what it is for a standard normal deviate.
+_QUANTILE = 1.0 / 3.0
+_NORMAL_QUANTILE = 0.43072729929545744
+
+#: Correlation lengths below this, in cells, are as good as none.
+_SHORTEST = 0.7
+
+_BLOCKS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
+
+#: A block size needs this many differences to be heard.
+_LEAST_DIFFERENCES = 12
+
+#: Larger blocks see the shape of what is measured, not its noise: this many fit along each side.
+_LEAST_BLOCKS = 10
+
+#: Differences of single cells around the area that make the ground there sufficient.
+_ENOUGH_AROUND = 400
+
+#: The band inside the rim that serves where there is nothing outside, in cells.
+_BAND_CELLS = 16
+
+#: Neighbouring differences share blocks, and a quantile is a wasteful estimate: this many, by their
+#: order, tell as much as makes a variance good to one standard deviation.
+_DIFFERENCES_PER_VOICE = {1: 12.0, 2: 20.0}
+
+#: Correlation is only believed when it explains the blocks better by this much (chi-square).
+_CONVINCING = 6.0
+
+_ROUNDS = 4
+
+#: Correlation lengths that are tried, evenly in their logarithm.
+_TRIALS = 24
+
+#: Columns are parallel when the square of their angle's sine is below this.
+_PARALLEL = 1e-12
+
+#: Correlated sums are made on a grid of at most about this many blocks a side.
+_COARSE_SIDE = 160
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Errors of cell heights: independent ones plus Gaussian-correlated ones.
+
+    The covariance of two cells h apart is correlated**2 * exp(-h**2 / (2 * length**2)).
+
+    Attributes
+    ----------
+    independent : standard deviation, metres, of a typical cell.
+    correlated : standard deviation, metres.
+    length : correlation length, in cells.
+    cell : (ny, nx) float64, independent standard deviation of each cell, metres.
+    point : independent standard deviation of a single point where it lies, metres.
+    """
+
+    independent: float
+    correlated: float
+    length: float
+    cell: FloatArray
+    point: float = 0.0
+
+
+def measure_noise(
+    z: FloatArray, count: FloatArray, filled: FloatArray, fraction: FloatArray
+) -> Noise:
+    """Return the noise of cell heights, measured from the heights themselves.
+
+    Parameters
+    ----------
+    z : (ny, nx) float64, metres; NaN where no points are.
+    count : (ny, nx) points of each cell, repetitions not counted.
+    filled : `z` with its gaps closed.
+    fraction : (ny, nx) share of each cell inside the area. The ground outside is less shaped
+        than what is measured, and where there is enough of it, it tells the noise.
+    """
+    ground, order = _ground_around(z, fraction)
+    observed, voices = _spreads(ground, order)
+    independent, correlated, length = 0.0, 0.0, 1.0
+    if len(observed):
+        independent, correlated, length = _fit(observed, np.sqrt(voices), order)
+    each, point = _cell_sigma(independent, z, count, filled)
+    return Noise(independent, correlated, length, each, point)
+
+
+def _ground_around(z: FloatArray, fraction: FloatArray) -> tuple[FloatArray, int]:
+    """Return the heights that tell the noise, NaN elsewhere, and the order of differences for them.
+
+    First the ground outside the area; where the cloud ends at the area, a band inside its rim;
+    and the whole of an area that is all rim.
+    """
+    outside = np.where(fraction > 0, np.nan, z)
+    if _squares(outside) >= _ENOUGH_AROUND:
+        return outside, 1
+    depth = ndimage.distance_transform_edt(np.pad(fraction > 0, 1))[1:-1, 1:-1]
+    band = np.where(depth > _BAND_CELLS, np.nan, z)
+    if _squares(band) >= _ENOUGH_AROUND:
+        return band, 1
+    return z, 2
+
+
+def _squares(z: FloatArray) -> int:
+    """Return the number of squares of four known cells, each good for a mixed difference."""
+    known = np.isfinite(z)
+    pairs = known[1:] & known[:-1]
+    return int(np.count_nonzero(pairs[:, 1:] & pairs[:, :-1]))
+
+
+def _spreads(z: FloatArray, order: int) -> tuple[FloatArray, FloatArray]:
+    """Return the variances of mixed differences of the first `_BLOCKS`, and their voices."""
+    running = _running_sums(z)
+    variances, voices = [], []
+    for size in _BLOCKS:
+        stride = max(1, size // 2)
+        if min(z.shape) < _LEAST_BLOCKS * size:
+            break
+        differences = np.abs(_mixed_differences(running, size, stride, order))
+        independent = len(differences) * (stride / size) ** 2
+        if independent < _LEAST_DIFFERENCES:
+            break
+        spread = max(quantile(differences, _QUANTILE) / _NORMAL_QUANTILE, 1e-12)
+        variances.append(spread**2)
+        voices.append(independent / _DIFFERENCES_PER_VOICE[order])
+    return np.array(variances), np.array(voices)
+
+
+def _cell_sigma(
+    independent: float,
+    z: FloatArray,
+    count: FloatArray,
+    filled: FloatArray,
+) -> tuple[FloatArray, float]:
+    """Return each cell's independent standard deviation, and that of a point.
+
+    The n points of a sloping cell lie about its middle by chance: their mean height is off by
+    slope * cell / sqrt(12 n). What the differences saw is the sum of both over typical ground.
+    """
+    known = np.isfinite(z)
+    if not known.any():
+        return np.zeros(z.shape), 0.0
+    down, right = np.gradient(np.where(np.isfinite(filled), filled, z[known].mean()))
+    by_place = (down**2 + right**2) / 12.0
+    typical = quantile(count[known], 0.5)
+    by_noise = max(independent**2 * typical - quantile(by_place[known], 0.5), 0.0)
+    return np.sqrt((by_noise + by_place) / np.maximum(count, 1)), float(np.sqrt(by_noise))
+
+
+def _running_sums(z: FloatArray) -> FloatArray:
+    """Return known cells and their heights, summed from the first corner: (2, ny + 1, nx + 1)."""
+    known = np.isfinite(z)
+    cells = np.zeros((2, z.shape[0] + 1, z.shape[1] + 1))
+    cells[0, 1:, 1:] = known
+    cells[1, 1:, 1:] = np.where(known, z, 0.0)
+    return cells.cumsum(axis=1).cumsum(axis=2)
+
+
+def _mixed_differences(running: FloatArray, size: int, stride: int, order: int) -> FloatArray:
+    """Return differences down the columns of differences along the rows of block means.
+
+    Blocks of size x size cells start every `stride` cells; the blocks of one difference lie side
+    by side. A block counts when more than half of its cells are known.
+    """
+    rows = running[:, size::stride] - running[:, :-size:stride]
+    count, total = rows[:, :, size::stride] - rows[:, :, :-size:stride]
+    means = np.where(2 * count > size * size, total / np.maximum(count, 1), np.nan)
+    lag = size // stride
+    for _ in range(order):
+        means = means[:, lag:] - means[:, :-lag]
+    for _ in range(order):
+        means = means[lag:] - means[:-lag]
+    return np.asarray(means[np.isfinite(means)])
+
+
+def _block_correlation(size: int, length: float, lags: int) -> FloatArray:
+    """Return the mean of exp(-h^2 / 2 length^2) between two rows of `size` cells, per lag."""
+    step = np.arange(-(size - 1), size)
+    share = (size - np.abs(step)) / size**2
+    distance = size * np.arange(lags)[:, None] + step
+    return np.asarray((np.exp(-(distance**2) / (2 * length**2)) * share).sum(axis=1))
+
+
+def _fit(observed: FloatArray, voice: FloatArray, order: int) -> tuple[float, float, float]:
+    """Return independent, correlated and length that best explain the variances of `_BLOCKS`.
+
+    On the ground around, whatever is not independent counts as correlated: to the base it is an
+    error all the same. On the area itself (second differences), what grows with the block size is
+    its shape, and no correlation can be told from it.
+    """
+    block = np.array(_BLOCKS[: len(observed)], dtype=np.float64)
+    white = _AUTOCORRELATION[order][0] ** 2 / block**2
+    if order == 2:
+        shares, _ = _explain(np.stack([white, block**2, block**4])[:, None], observed, voice)
+        return float(np.sqrt(shares[0, 0])), 0.0, 1.0
+    lengths, together = _trials(len(block))
+    columns = np.stack([np.broadcast_to(white, together.shape), together])
+    shares, misfit = _explain(columns, observed, voice)
+    misfit[0] -= _CONVINCING
+    best = int(np.argmin(misfit))
+    independent, correlated = np.sqrt(shares[:, best])
+    return float(independent), float(correlated), float(lengths[best])
+
+
+@cache
+def _trials(count: int) -> tuple[FloatArray, FloatArray]:
+    """Return trial lengths and (T, count) what correlated noise of variance 1 adds to `_BLOCKS`.
+
+    The first trial is that there is none.
+    """
+    sizes = _BLOCKS[:count]
+    lengths = np.geomspace(_SHORTEST, max(1.0, 1.5 * sizes[-1]), _TRIALS)
+    lag = np.array(_AUTOCORRELATION[1])
+    together = [[_block_correlation(n, length, 2) @ lag for n in sizes] for length in lengths]
+    return np.append(1.0, lengths), np.vstack([np.zeros(count), np.square(together)])
+
+
+def _explain(
+    columns: FloatArray, observed: FloatArray, voice: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the non-negative shares of the columns in the observed variances, and chi-square.
+
+    An observed variance scatters in proportion to the true one, so the weights follow the fit.
+
+    Parameters
+    ----------
+    columns : (C, T, S) of T trials, for S block sizes; the shares are (C, T).
+    """
+    expected = np.broadcast_to(observed, columns.shape[1:])
+    for _ in range(_ROUNDS):
+        weight = voice / expected
+        shares = _non_negative(columns * weight, observed * weight)
+        expected = np.maximum((columns * shares[:, :, None]).sum(axis=0), 1e-3 * observed)
+    return shares, (((observed - expected) / expected * voice) ** 2).sum(axis=1)
+
+
+def _non_negative(columns: FloatArray, right: FloatArray) -> FloatArray:
+    """Return the non-negative least-squares shares (C, T) of each trial's columns in its right."""
+    if len(columns) != 2:
+        norm = np.sqrt((columns**2).sum(axis=2))
+        each = zip((columns / norm[:, :, None]).transpose(1, 2, 0), right)
+        shares = np.array([optimize.nnls(matrix, values)[0] for matrix, values in each])
+        return np.asarray(shares.T / norm)
+    a, b = columns
+    aa, ab, bb = (a * a).sum(axis=1), (a * b).sum(axis=1), (b * b).sum(axis=1)
+    ar, br = (a * right).sum(axis=1), (b * right).sum(axis=1)
+    free = aa * bb - ab**2
+    first, second = bb * ar - ab * br, aa * br - ab * ar
+    # Nothing here is negative but the shares, and of these one at most: the other stands alone.
+    only_a = (second <= 0) | (free <= _PARALLEL * aa * bb)
+    only_b = ~only_a & (first <= 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        both = np.stack([first, second]) / free
+        alone = np.stack([ar / aa, br / bb])
+    return np.where([only_b, only_a], 0.0, np.where([only_a, only_b], alone, both))
+
+
+def functional_std(weights: FloatArray, noise: Noise) -> FloatArray:
+    """Return the standard deviation of each sum(weights * z) under the noise.
+
+    Parameters
+    ----------
+    weights : (K, ny, nx) float64, m2.
+    """
+    variance = ((weights * noise.cell) ** 2).sum(axis=(1, 2))
+    if noise.correlated > 0:
+        variance += noise.correlated**2 * _correlated_sums(weights, noise.length)
+    return np.asarray(np.sqrt(variance))
+
+
+def sampled_std(points: FloatArray, cells: FloatArray, count: FloatArray, noise: Noise) -> float:
+    """Return the standard deviation of sum(points * p) + sum(cells * z) under the noise.
+
+    p is a single point of each cell, z the mean height of its n points, that one among them: the
+    covariance of the two is the point's variance / n. What a cell's mean owes to where its points
+    lie on a slope a point where it lies does not have. Correlated errors are those of the place.
+
+    Parameters
+    ----------
+    points, cells : (ny, nx) float64, m2.
+    count : (ny, nx) points of each cell.
+    """
+    held = np.maximum(count, 1)
+    white = noise.point**2 * (points**2 + 2.0 * points * cells / held) + (cells * noise.cell) ** 2
+    variance = float(white.sum())
+    if noise.correlated > 0:
+        together = (points + cells)[None]
+        variance += noise.correlated**2 * float(_correlated_sums(together, noise.length)[0])
+    return float(np.sqrt(max(variance, 0.0)))
+
+
+def _correlated_sums(weights: FloatArray, length: float) -> FloatArray:
+    """Return the variance of each sum(weights * z) for correlated noise of variance 1."""
+    weights = _without_zero_margins(weights)
+    size = -(-max(weights.shape[1:]) // _COARSE_SIDE)
+    coarse = _block_sums(weights, size)
+    lags = int(np.ceil(4 * length / size)) + 2
+    g = _block_correlation(size, length, min(lags, max(coarse.shape[1:])))
+    line = np.concatenate([g[:0:-1], g])
+    spread = ndimage.correlate1d(coarse, line, axis=1, mode="constant")
+    spread = ndimage.correlate1d(spread, line, axis=2, mode="constant")
+    return np.asarray(np.maximum((coarse * spread).sum(axis=(1, 2)), 0.0))
+
+
+def _without_zero_margins(weights: FloatArray) -> FloatArray:
+    some = (weights != 0).any(axis=0)
+    rows, columns = np.flatnonzero(some.any(axis=1)), np.flatnonzero(some.any(axis=0))
+    if not len(rows):
+        return weights[:, :1, :1]
+    return weights[:, rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+
+
+def _block_sums(values: FloatArray, size: int) -> FloatArray:
+    k, ny, nx = values.shape
+    padded = np.pad(values, ((0, 0), (0, -ny % size), (0, -nx % size)))
+    blocks = padded.reshape(k, -(-ny // size), size, -(-nx // size), size)
+    return np.asarray(blocks.sum(axis=(2, 4)))
