@@ -9,6 +9,7 @@ from __future__ import annotations
 from .arrays import FloatArray, IntArray
 from .cloud import MAX_COORDINATE, Bounds, Chunk, CloudInfo, CrsPart, Faces, Window
 from .control import ControlAccount
+from .notice import Notice
 from .options import Options
 from .results import (
     AreaFailure,
@@ -44,6 +45,7 @@ __all__ = [
     "IntArray",
     "Matrix4",
     "Measurement",
+    "Notice",
     "Options",
     "Relief",
     "ScaleObservation",
