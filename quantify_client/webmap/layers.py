@@ -12,7 +12,7 @@ import shapely
 
 from ..crs import Frame, OnMap, on_map
 from ..errors import CrsError
-from ..report.figures.colours import DIVERGING
+from ..report.figures import DIVERGING
 from ..report.figures.terrain.contours import contour
 from ..types import AreaFailure, AreaResult, FloatArray, Measurement, Relief, Slice, Solid
 from .png import Colour, indexed_png

@@ -10,9 +10,9 @@ import shapely
 from matplotlib.collections import PathCollection
 from matplotlib.colors import to_rgb
 
-from ..look import MUTED, heights
-from ..terrain.plan import drawn_path
-from .outlines import Section, chosen, even_odd
+from ....types import FloatArray
+from ..look import HEIGHTS, MUTED, drawn_path, size_in
+from .sections import Section, chosen, even_odd
 
 __all__ = ["draw_stack"]
 
@@ -29,19 +29,16 @@ def draw_stack(axes: Any, sections: Sequence[Section]) -> None:
     if not shown:
         return
     edges = _edges([section.z for section in shown], shown[0].slice.height_m)
-    bounds = _screen_bounds(shown, edges)
-    per_m = _fit(axes, bounds)
-    for section, low, high in zip(shown, edges[:-1], edges[1:]):
-        _draw_slab(axes, section, low, high, per_m)
-    remark = "all" if len(shown) == len(sections) else f"{len(shown)} of"
-    axes.text(
-        0.0,
-        0.0,
-        f"{remark} {len(sections)} slices, to scale",
-        transform=axes.transAxes,
-        size=10,
-        color=MUTED,
+    slabs = list(zip(shown, edges[:-1], edges[1:]))
+    corners = np.vstack(
+        [_turned(ring, z) for slab, *ends in slabs for ring in slab.rings for z in ends]
     )
+    per_m = _fit(axes, corners.min(axis=0), corners.max(axis=0))
+    for section, bottom, top in slabs:
+        _draw_slab(axes, section, bottom, top, per_m)
+    some = "all" if len(shown) == len(sections) else f"{len(shown)} of"
+    words = f"{some} {len(sections)} slices, to scale"
+    axes.text(0.0, 0.0, words, transform=axes.transAxes, size=10, color=MUTED)
 
 
 def _edges(z: List[float], height: float) -> List[float]:
@@ -59,28 +56,14 @@ def _turned(xy: Any, z: float) -> Any:
     return np.column_stack([right, z * math.cos(ELEVATION) + away * math.sin(ELEVATION)])
 
 
-def _screen_bounds(shown: Sequence[Section], edges: Sequence[float]) -> Any:
-    corners = np.vstack(
-        [
-            _turned(ring, z)
-            for section, low, high in zip(shown, edges[:-1], edges[1:])
-            for ring in section.rings
-            for z in (low, high)
-        ]
-    )
-    return np.vstack([corners.min(axis=0), corners.max(axis=0)])
-
-
-def _fit(axes: Any, bounds: Any) -> float:
-    """Set limits that show the bounds undistorted; return inches per metre."""
-    box, figure = axes.get_position(), axes.figure
-    size = np.array([box.width * figure.get_figwidth(), box.height * figure.get_figheight()])
+def _fit(axes: Any, low: FloatArray, high: FloatArray) -> float:
+    """Set limits that show all between two corners undistorted; return inches per metre."""
+    size = np.array(size_in(axes))
     room = np.array([0.0, 0.3])  # for the words below
-    per_m = float(((size - room) / np.maximum(bounds[1] - bounds[0], 1e-9)).min())
-    middle, half = bounds.mean(axis=0), size / per_m / 2
-    down = room[1] / per_m / 2
-    axes.set_xlim(middle[0] - half[0], middle[0] + half[0])
-    axes.set_ylim(middle[1] - half[1] - down, middle[1] + half[1] - down)
+    per_m = float(((size - room) / np.maximum(high - low, 1e-9)).min())
+    west, south = (low + high) / 2 - (size + room) / per_m / 2
+    axes.set_xlim(west, west + size[0] / per_m)
+    axes.set_ylim(south, south + size[1] / per_m)
     return per_m
 
 
@@ -94,7 +77,7 @@ def _draw_slab(axes: Any, section: Section, low: float, high: float, per_m: floa
         drawn_path(shapely.transform(area, lambda xy, z=z: _turned(xy, z)))
         for z in np.linspace(low, high, layers)
     ]
-    colour = np.array(to_rgb(heights()(section.share)))
+    colour = np.array(to_rgb(HEIGHTS(section.share)))
     edge = len(paths) - 1
     # A collection: a patch would have its limits found corner by corner.
     slab = PathCollection(

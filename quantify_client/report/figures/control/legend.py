@@ -2,127 +2,105 @@
 
 from __future__ import annotations
 
-from typing import Any, Callable, Tuple
+from dataclasses import dataclass, field
+from typing import Any, List, Mapping
 
 import numpy as np
-from matplotlib.font_manager import FontProperties
 
-from ...wording.observations import BAD, GOOD
-from ...wording.units import Units, number
-from ..look import INK, MUTED, nice_step
-from .map import LIMIT, WRONG, quiver, residual_colours
-from .site import Arrows, Site
+from ...wording.scaling import BAD, GOOD
+from ...wording.units import MINUS, Units, number
+from ..look import INK, MUTED, RESIDUALS, WRONG, gradient, nice_step, size_in, text_pixels
+from .map import LIMIT, quiver
+from .plan import ControlPlan
 
 __all__ = ["draw_colours", "draw_legend"]
 
 ROW_IN = 0.34
 SIZE = 10.0
 APART_IN = 0.38
-
-Draw = Callable[[float, float], Any]  # at x, y in inches
-
-
-class Strip:
-    """Marks with their meaning, one after another, on as many rows as they need."""
-
-    def __init__(self, axes: Any) -> None:
-        """Take axes whose coordinates become inches."""
-        figure, box = axes.figure, axes.get_position()
-        self.axes = axes
-        self._wide = figure.get_figwidth() * box.width
-        high = figure.get_figheight() * box.height
-        axes.set_xlim(0.0, self._wide)
-        axes.set_ylim(0.0, high)
-        axes.set_axis_off()
-        self._x, self._y = 0.0, high - ROW_IN / 2
-        self._dpi = figure.dpi
-        self._renderer = figure.canvas.get_renderer()
-
-    def add(self, symbol_in: float, words: str, draw: Draw) -> None:
-        """Draw a mark of that width, and beside it what it means."""
-        font = FontProperties(family="DejaVu Sans", size=SIZE)
-        wide, _, _ = self._renderer.get_text_width_height_descent(words, font, False)
-        needed = symbol_in + 0.1 + wide / self._dpi
-        if self._x > 0.0 and self._x + needed > self._wide:
-            self._x, self._y = 0.0, self._y - ROW_IN
-        draw(self._x, self._y)
-        self.axes.text(
-            self._x + symbol_in + 0.1, self._y, words, size=SIZE, color=MUTED, va="center"
-        )
-        self._x += needed + APART_IN
+BESIDE_IN = 0.1  # from a mark to its meaning
+REJECTED = "left out: contradicts the rest"
+CONTROL = {"color": "white", "edgecolors": INK, "linewidths": 1.4}
+LEFT_OUT = {"facecolors": "none", "edgecolors": WRONG, "linewidths": 2.6}
 
 
-def draw_legend(axes: Any, site: Site, units: Units, inches_per_unit: float, missing: int) -> None:
-    """Explain what is in the plan, and nothing that is not.
+@dataclass(frozen=True)
+class Mark:
+    """A point, a line or an arrow of a width, how it looks and what it means."""
+
+    width_in: float
+    words: str
+    shape: str = ""
+    looks: Mapping[str, Any] = field(default_factory=dict)
+
+
+def draw_legend(
+    axes: Any, plan: ControlPlan, units: Units, inches_per_unit: float, missing: int
+) -> None:
+    """Explain what is in the plan, on as many rows as needed.
 
     `inches_per_unit` is the plan's scale, so that the arrows here are as long as there; `missing`
     names had no room.
     """
-    strip = Strip(axes)
-    _add_points(strip, site)
-    _add_lines(strip, site)
+    wide, high = size_in(axes)
+    axes.set_xlim(0.0, wide)
+    axes.set_ylim(0.0, high)
+    axes.set_axis_off()
+    x, y = 0.0, high - ROW_IN / 2
+    for mark in _marks(plan, units, inches_per_unit, missing):
+        text_in = text_pixels(axes, mark.words, SIZE)[0] / axes.figure.dpi
+        needed = mark.width_in + BESIDE_IN + text_in
+        if x > 0.0 and x + needed > wide:
+            x, y = 0.0, y - ROW_IN
+        _draw(axes, mark, x, y)
+        start = x + mark.width_in + BESIDE_IN
+        axes.text(start, y, mark.words, size=SIZE, color=MUTED, va="center")
+        x += needed + APART_IN
+
+
+def _draw(axes: Any, mark: Mark, x: float, y: float) -> None:
+    if mark.shape == "point":
+        axes.scatter([x + mark.width_in / 2], [y], **mark.looks)
+    elif mark.shape == "line":
+        axes.plot([x, x + mark.width_in], [y, y], **mark.looks)
+    elif mark.shape == "arrow":
+        quiver(axes, np.array([[x, y]]), np.array([[mark.width_in, 0.0]]), **mark.looks)
+
+
+def _marks(plan: ControlPlan, units: Units, inches_per_unit: float, missing: int) -> List[Mark]:
+    """Return the marks that are in the plan, and none that is not."""
+    placed = [point.gps_residual is not None for point in plan.points]
+    without = "without" if any(placed) else "control point"
+    lengths = [line.observation for line in plan.lines]
+    checks = any(row.check and not row.outlier for row in lengths)
+    dashed = {"color": "#8f979b", "linewidth": 2.8, "dashes": (2.2, 1.6)}
+    red = {"color": WRONG, "linewidth": 4.5, "solid_capstyle": "round"}
+    triangle, circle = {**CONTROL, "s": 75.0, "marker": "^"}, {**CONTROL, "s": 48.0, "marker": "o"}
+    every = [
+        (any(placed), Mark(0.16, "has a position", "point", triangle)),
+        (not all(placed), Mark(0.16, without, "point", circle)),
+        (checks, Mark(0.42, "check, not in the fit", "line", dashed)),
+        (any(r.outlier for r in lengths), Mark(0.42, REJECTED, "line", red)),
+        (bool(plan.outliers), Mark(0.2, "an observation of it was left out", "point", LEFT_OUT)),
+    ]
+    marks = [mark for there, mark in every if there]
     for arrows, kind, of in (
-        (site.cloud, "cloud", "in the cloud"),
-        (site.gps, "gps", "of the position"),
+        (plan.cloud, "cloud", "in the cloud"),
+        (plan.gps, "gps", "of the position"),
     ):
         if arrows is not None:
-            _add_arrows(strip, arrows, kind, f"residual {of}", inches_per_unit, units)
-    nothing: Draw = lambda _x, _y: None  # noqa: E731
-    if site.hidden_gps:
-        size = f"{number(site.hidden_gps, digits=2)} {units.length}"
-        strip.add(0.0, f"residuals of positions (up to {size}) are not drawn", nothing)
+            inches = arrows.factor * inches_per_unit
+            shown = nice_step(max(min(arrows.longest, 0.9 / inches), 0.7 / inches))
+            factor = number(arrows.factor, digits=1)
+            words = f"residual {of}: {_small_length(shown, units)}, arrows \u00d7 {factor}"
+            marks.append(Mark(shown * inches, words, "arrow", {"kind": kind}))
+    if plan.hidden_gps:
+        size = f"{number(plan.hidden_gps, digits=2)} {units.length}"
+        marks.append(Mark(0.0, f"residuals of positions (up to {size}) are not drawn"))
     if missing:
-        strip.add(0.0, f"{missing} {'name has' if missing == 1 else 'names have'} no room", nothing)
-
-
-def _add_points(strip: Strip, site: Site) -> None:
-    placed = [p.gps_residual is not None for p in site.points]
-    kinds = [("^", 75.0, "has a position", any(placed)), ("o", 48.0, "without", not all(placed))]
-    if not any(placed):
-        kinds = [("o", 48.0, "control point", True)]
-    for marker, size, words, there in kinds:
-        if there:
-            strip.add(
-                0.16,
-                words,
-                lambda x, y, marker=marker, size=size: strip.axes.scatter(  # type: ignore[misc]
-                    [x + 0.08], [y], s=size, marker=marker, color="white", edgecolors=INK, lw=1.4
-                ),
-            )
-
-
-def _add_lines(strip: Strip, site: Site) -> None:
-    def line(**looks: Any) -> Draw:
-        return lambda x, y: strip.axes.plot([x, x + 0.42], [y, y], **looks)
-
-    if any(row.row.check and not row.row.outlier for row in site.lines):
-        dashes = line(color="#8f979b", linewidth=2.8, dashes=(2.2, 1.6))
-        strip.add(0.42, "check, not in the fit", dashes)
-    if any(row.row.outlier for row in site.lines):
-        red = line(color=WRONG, linewidth=4.5, solid_capstyle="round")
-        strip.add(0.42, "left out: contradicts the rest", red)
-    if site.wrong:
-        looks = {"s": 130, "facecolors": "none", "edgecolors": WRONG, "linewidths": 2.6}
-        strip.add(
-            0.2,
-            "an observation of it was left out",
-            lambda x, y: strip.axes.scatter([x + 0.1], [y], **looks),
-        )
-
-
-def _add_arrows(
-    strip: Strip, arrows: Arrows, kind: str, words: str, inches_per_unit: float, units: Units
-) -> None:
-    inches = arrows.factor * inches_per_unit
-    shown = nice_step(max(min(arrows.longest, 0.9 / inches), 0.7 / inches))
-    size = _small_length(shown, units)
-    strip.add(
-        shown * inches,
-        f"{words}: {size}, arrows \u00d7 {number(arrows.factor, digits=1)}",
-        lambda x, y: quiver(
-            strip.axes, np.array([[x, y]]), np.array([[shown * inches, 0.0]]), kind
-        ),
-    )
+        names = "name has" if missing == 1 else "names have"
+        marks.append(Mark(0.0, f"{missing} {names} no room"))
+    return marks
 
 
 def _small_length(value: float, units: Units) -> str:
@@ -136,17 +114,9 @@ def _small_length(value: float, units: Units) -> str:
 
 def draw_colours(axes: Any) -> None:
     """Draw the colours of the lengths, and what they mean."""
-    axes.imshow(
-        np.linspace(-1.0, 1.0, 256)[None, :],
-        origin="lower",
-        extent=(-LIMIT, LIMIT, 0.0, 1.0),
-        cmap=residual_colours(),
-        aspect="auto",
-    )
-    at: Tuple[float, ...] = (-BAD, -GOOD, 0.0, GOOD, BAD)
-    axes.set_xticks(at, [f"{value:+g}".replace("-", "\u2212") if value else "0" for value in at])
+    gradient(axes, RESIDUALS, LIMIT)
+    at = (-BAD, -GOOD, 0.0, GOOD, BAD)
+    axes.set_xticks(at, [f"{value:+g}".replace("-", MINUS) if value else "0" for value in at])
     axes.tick_params(axis="x", pad=2)
-    axes.yaxis.set_visible(False)
-    axes.spines[["left", "bottom"]].set_visible(False)
     words = "lengths: adjusted \u2212 observed, in \u03c3"
     axes.text(1.05, 0.5, words, transform=axes.transAxes, size=SIZE, color=MUTED, va="center")

@@ -7,7 +7,7 @@ import html
 import pytest
 
 from quantify_client.report.page.page import render_html
-from quantify_client.report.wording.kinds import in_units, kind_of, lines_of_kinds
+from quantify_client.report.wording.notices import in_units, kind_of, lines_of_kinds
 from quantify_client.report.wording.units import display_units, named_units
 from quantify_client.types import Measurement
 
