@@ -17,13 +17,13 @@ from matplotlib.path import Path as DrawnPath
 from PIL import Image
 
 from quantify_client.report.figures import pictures
-from quantify_client.report.figures.body.sections import (
+from quantify_client.report.figures.body import (
     chosen,
     draw_sections,
+    draw_stack,
     even_odd,
     sections_of,
 )
-from quantify_client.report.figures.body.stack import draw_stack
 from quantify_client.report.figures.slices import draw_convergence, draw_heights
 from quantify_client.report.wording.units import METRIC, US
 from quantify_client.types import AreaResult

@@ -42,6 +42,7 @@ __all__ = [
     "axes_at",
     "drawable",
     "drawn_path",
+    "frame",
     "gradient",
     "head_line",
     "limits_with_margin",
@@ -199,8 +200,7 @@ def nice_step(at_most: float) -> float:
     (5.0, 0.2, 2.0)
     """
     power = 10.0 ** math.floor(math.log10(at_most))
-    step = max(m for m in (1.0, 2.0, 5.0) if m * power <= at_most * (1 + 1e-9))
-    return float(f"{step * power:.6g}")
+    return max(float(f"{m * power:.6g}") for m in (1, 2, 5) if m * power <= at_most * (1 + 1e-9))
 
 
 def ticks(axis: Any, count: int, inset: float = 0.0) -> None:
@@ -244,6 +244,13 @@ def drawn_path(polygon: Any) -> Path:
     return Path.make_compound_path(*rings)
 
 
+def frame(axes: Any, view: Sequence[float]) -> None:
+    """Show west, east, south, north of a plan undistorted, in a frame."""
+    axes.set(xlim=view[:2], ylim=view[2:])
+    axes.set_aspect("equal", adjustable="box")
+    axes.spines[:].set_visible(True)
+
+
 def scale_bar(axes: Any, units: Units) -> None:
     """Draw a bar of a round length in the lower left corner of a plan."""
     west, east = axes.get_xlim()
@@ -261,7 +268,7 @@ def gradient(axes: Any, colours: Any, limit: float, *, upright: bool = False) ->
     """Fill axes with colours from -limit to limit; matplotlib's own colour bar is slow."""
     values = np.linspace(-1.0, 1.0, 256)
     extent = (0.0, 1.0, -limit, limit) if upright else (-limit, limit, 0.0, 1.0)
-    image = values[:, None] if upright else values[None, :]
+    image = values.reshape((-1, 1) if upright else (1, -1))
     axes.imshow(image, origin="lower", extent=extent, cmap=colours, aspect="auto")
     axes.spines[["left", "bottom"]].set_visible(False)
     (axes.xaxis if upright else axes.yaxis).set_visible(False)

@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 from ...types import AreaResult, Measurement, Relief, Solid
 from ..wording.units import Units, plus_minus
 from ..wording.words import is_terrain, volume_word
-from .body.sections import SHOWN, chosen, draw_sections, sections_of
-from .body.stack import draw_stack
+from .body import SHOWN, chosen, draw_sections, draw_stack, sections_of
 from .look import (
     HALO,
     INK,

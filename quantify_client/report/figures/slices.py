@@ -12,7 +12,7 @@ from ...types import AreaResult, Slice, Solid
 from ..document.measurement import interval95
 from ..wording.units import Units, number
 from ..wording.words import is_terrain
-from .body.sections import Section, draw_badge
+from .body import Section, draw_badge
 from .look import (
     BASE,
     BODY,
@@ -35,23 +35,20 @@ SEPARATE = 60  # more slices than this are drawn without lines between them
 def draw_profile(axes: Any, result: AreaResult, units: Units) -> None:
     """Draw a bar per slice, with the base between cut and fill."""
     slices = [s for s in result.slices if np.isfinite(s.area_m2)]
-    axes.set_title("Slices")
-    axes.set_xlabel(f"area of the slice, {units.area}")
-    axes.set_ylabel(f"elevation, {units.length}")
-    colours = [BODY] * len(slices)
+    upwards, colours = "elevation", [BODY] * len(slices)
     if is_terrain(result):
-        axes.set_ylabel(f"height above base, {units.length}")
+        upwards, colours = "height above base", [CUT if s.z_m > 0 else FILL for s in slices]
         axes.axhline(0.0, color=BASE, linewidth=1.2, dashes=(5, 2.5))
-        colours = [CUT if s.z_m > 0 else FILL for s in slices]
+    across = f"area of the slice, {units.area}"
+    axes.set(title="Slices", xlabel=across, ylabel=f"{upwards}, {units.length}")
     _draw_bars(axes, slices, colours, units)
 
 
 def draw_heights(axes: Any, result: AreaResult, shown: Sequence[Section], units: Units) -> None:
     """Draw a bar per slice of a body, and the numbers of the sections shown."""
     slices = [s for s in result.slices if np.isfinite(s.area_m2)]
-    axes.set_title("Area over height")
-    axes.set_xlabel(f"area of the section, {units.area}")
-    axes.set_ylabel(f"elevation, {units.length}")
+    across = f"area of the section, {units.area}"
+    axes.set(title="Area over height", xlabel=across, ylabel=f"elevation, {units.length}")
     if not slices:
         return
     z = np.array([s.z_m for s in slices])
@@ -89,8 +86,7 @@ def _draw_bars(axes: Any, slices: Sequence[Slice], colours: Any, units: Units) -
 def draw_convergence(axes: Any, result: AreaResult, solid: Solid, units: Units) -> None:
     """Draw the volume over the number of slices, with the result and its interval."""
     axes.set_title("Volume over the number of slices", pad=24.0)
-    axes.set_xlabel("number of slices")
-    axes.set_ylabel(units.volume)
+    axes.set(xlabel="number of slices", ylabel=units.volume)
     rows = sorted((n, v) for n, v in solid.convergence if n > 0 and math.isfinite(v))
     counts = [n for n, _ in rows]
     volumes = [v * units.volume_per_m3 for _, v in rows]

@@ -11,7 +11,7 @@ from typing import Any, Dict, Iterable, List, Sequence
 import numpy as np
 
 from ...types import AreaResult, FloatArray, Solid
-from ..figures.body.sections import Section, chosen, sections_of
+from ..figures.body import Section, chosen, sections_of
 from ..figures.look import nice_step
 from ..wording.units import Units, count
 from ..wording.words import gap_width, is_terrain

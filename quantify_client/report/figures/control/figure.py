@@ -39,8 +39,7 @@ from ..look import (
     ticks,
     write_beside,
 )
-from .legend import draw_colours, draw_legend
-from .map import draw_map
+from .map import draw_colours, draw_legend, draw_map
 from .plan import ControlPlan, control_plan
 
 __all__ = ["scale_plan", "scale_png"]
@@ -147,8 +146,8 @@ def _draw_contributions(axes: Any, scaling: Scaling) -> None:
     small = {"size": 9.5, "color": MUTED}
     for place, share in enumerate(shares):
         write_beside(axes, percent(share), (share, place), (4, 0), va="center", **small)
-    axes.set_xlim(0.0, 1.18 * max(shares, default=1.0))
-    axes.set_ylim(max(len(shown), 4) - 0.4, -0.6)
+    lowest = max(len(shown), 4) - 0.4
+    axes.set(xlim=(0.0, 1.18 * max(shares, default=1.0)), ylim=(lowest, -0.6))
     axes.set_yticks(range(len(shown)), [drawable(name_words(row), 19) for row, _ in shown])
     axes.tick_params(axis="y", length=0, labelcolor=INK, labelsize=9.5)
     words = "share of what is known of the scale\nthat would be lost without it"
@@ -171,18 +170,19 @@ def _draw_residuals(axes: Any, scaling: Scaling) -> None:
     axes.axvline(0.0, color="#aab2b6", linewidth=0.9, zorder=1)
     for place, kind in enumerate(kinds):
         _draw_kind(axes, place, [(o, v) for o, v in sizes if o.kind == kind], edge)
-    axes.set_xlim(-1.06 * edge, 1.06 * edge)
-    axes.set_ylim(max(len(kinds), 2) - 0.5, -0.5)
     names = [KINDS[kind][1] if kind in KINDS else drawable(kind, 16) for kind in kinds]
     axes.set_yticks(range(len(kinds)), names)
     axes.tick_params(axis="y", length=0, labelcolor=INK, labelsize=9.5)
     axes.spines["left"].set_visible(False)
+    lowest = max(len(kinds), 2) - 0.5
+    axes.set(
+        title="Residuals in their \u03c3", xlim=(-1.06 * edge, 1.06 * edge), ylim=(lowest, -0.5)
+    )
     ticks(axes.xaxis, 7)
-    axes.set_title("Residuals in their \u03c3")
-    words = [f"shaded: {GOOD:g} and {BAD:g} \u03c3"]
-    words += ["open: check"] if any(o.check for o in scaling.observations) else []
-    words += ["red: left out"] if any(o.outlier for o in scaling.observations) else []
-    axes.set_xlabel("; ".join(words), loc="left", size=9.5)
+    words = f"shaded: {GOOD:g} and {BAD:g} \u03c3"
+    words += "; open: check" if any(o.check for o in scaling.observations) else ""
+    words += "; red: left out" if any(o.outlier for o in scaling.observations) else ""
+    axes.set_xlabel(words, loc="left", size=9.5)
 
 
 def _draw_kind(

@@ -1,4 +1,4 @@
-"""The plan of the control: lengths coloured by their residuals, points, arrows, names."""
+"""The plan of the control: lengths coloured by their residuals, points, arrows, names, legend."""
 
 from __future__ import annotations
 
@@ -9,14 +9,18 @@ import numpy as np
 from matplotlib.collections import LineCollection
 
 from ....types import FloatArray, Scaling
-from ...wording.scaling import signed_length
-from ...wording.units import NOTHING, Units
+from ...wording.scaling import BAD, GOOD, signed_length
+from ...wording.units import MINUS, NOTHING, Units, number
 from ..look import (
     HALO,
     INK,
+    MUTED,
     RESIDUALS,
     WRONG,
     drawable,
+    frame,
+    gradient,
+    nice_step,
     scale_bar,
     size_in,
     text_pixels,
@@ -24,7 +28,7 @@ from ..look import (
 )
 from .plan import ControlPlan, Line
 
-__all__ = ["LIMIT", "draw_map", "quiver"]
+__all__ = ["draw_colours", "draw_legend", "draw_map"]
 
 LIMIT = 4.0  # sigmas at the ends of the colours
 MANY = 30  # points or lengths from which on lines are thin and letters small
@@ -34,6 +38,17 @@ ARROWS: Dict[str, Dict[str, Any]] = {
     "cloud": {"color": INK, "width": 0.024, "zorder": 6},
     "gps": {**OPEN, "width": 0.034, "zorder": 5},
 }
+POINT = {"color": "white", "edgecolors": INK, "linewidths": 1.4}
+RING = {"facecolors": "none", "edgecolors": WRONG, "linewidths": 2.6}
+OUTLIER = {"color": WRONG, "linewidth": 4.5, "solid_capstyle": "round"}
+CHECK = {"color": "#8f979b", "linewidth": 2.8, "dashes": (2.2, 1.6)}
+
+ROW_IN = 0.34  # of the legend
+LETTERS = 10.0
+APART_IN, BESIDE_IN = 0.38, 0.1  # between two marks, from a mark to its meaning
+
+# Of the legend: width in inches, meaning, what it is, and how that looks.
+Mark = Tuple[float, str, str, Dict[str, Any]]
 Box = Tuple[float, float, float, float]  # left, bottom, right, top, in pixels
 AWAY = 8.0  # pixels from a point to its name
 # Right above is read first; the rest in the order that maps prefer.
@@ -44,12 +59,8 @@ BUSY = 3.0  # what covering a line costs, in units of the less preferred side
 def draw_map(axes: Any, plan: ControlPlan, scaling: Scaling, units: Units) -> int:
     """Draw the plan; return how many names had no room."""
     wide, high = size_in(axes)
-    west, east, south, north = plan.view(wide / high)
-    axes.set_xlim(west, east)
-    axes.set_ylim(south, north)
-    axes.set_aspect("equal", adjustable="box")
+    frame(axes, plan.view(wide / high))
     axes.grid(True)
-    axes.spines[:].set_visible(True)
     many = max(len(plan.points), len(plan.lines)) > MANY
     _draw_lines(axes, plan.lines, many)
     for arrows, kind in ((plan.gps, "gps"), (plan.cloud, "cloud")):
@@ -61,9 +72,8 @@ def draw_map(axes: Any, plan: ControlPlan, scaling: Scaling, units: Units) -> in
     ticks(axes.yaxis, max(3, min(7, int(high))))
     # North is up where anything ties the control to the Earth.
     earth = scaling.target_crs is not None or any(p.lon is not None for p in scaling.points)
-    across, up = ("east", "north") if earth else ("x", "y")
-    axes.set_xlabel(f"{across} from the middle of the control, {units.length}")
-    axes.set_ylabel(f"{up}, {units.length}")
+    across = f"{'east' if earth else 'x'} from the middle of the control, {units.length}"
+    axes.set(xlabel=across, ylabel=f"{'north' if earth else 'y'}, {units.length}")
     if earth:
         _draw_north(axes, wide, high)
     return _write_names(axes, plan, units, many)
@@ -72,7 +82,7 @@ def draw_map(axes: Any, plan: ControlPlan, scaling: Scaling, units: Units) -> in
 def _draw_lines(axes: Any, lines: Sequence[Line], many: bool) -> None:
     for line in lines:
         if line.observation.outlier:
-            axes.plot(*line.ends.T, color=WRONG, linewidth=4.5, solid_capstyle="round", zorder=4)
+            axes.plot(*line.ends.T, zorder=4, **OUTLIER)
     for check, dashes in ((False, "solid"), (True, (0, (2.2, 1.6)))):
         chosen = [n for n in lines if n.observation.check is check and not n.observation.outlier]
         sigmas = np.array([line.observation.in_sigmas or 0.0 for line in chosen])
@@ -107,12 +117,10 @@ def quiver(axes: Any, start: FloatArray, vector: FloatArray, kind: str) -> None:
 def _draw_points(axes: Any, plan: ControlPlan, many: bool) -> None:
     size = 26.0 if many else 60.0
     placed = np.array([point.gps_residual is not None for point in plan.points])
-    looks = {"color": "white", "edgecolors": INK, "linewidths": 1.4, "zorder": 7}
-    axes.scatter(*plan.at[placed].T, s=1.25 * size, marker="^", **looks)
-    axes.scatter(*plan.at[~placed].T, s=0.8 * size, marker="o", **looks)
     wrong = np.array([point.name in plan.outliers for point in plan.points])
-    rings = {"facecolors": "none", "edgecolors": WRONG, "linewidths": 2.6, "zorder": 7}
-    axes.scatter(*plan.at[wrong].T, s=5 * size, **rings)
+    axes.scatter(*plan.at[placed].T, s=1.25 * size, marker="^", zorder=7, **POINT)
+    axes.scatter(*plan.at[~placed].T, s=0.8 * size, marker="o", zorder=7, **POINT)
+    axes.scatter(*plan.at[wrong].T, s=5 * size, zorder=7, **RING)
 
 
 def _draw_north(axes: Any, wide: float, high: float) -> None:
@@ -223,3 +231,86 @@ def _box(x: float, y: float, side: Tuple[int, int], wide: float, high: float) ->
     left = x + away if across > 0 else x - away - wide if across < 0 else x - wide / 2
     bottom = y + away - 2 if up > 0 else y - away + 2 - high if up < 0 else y - high / 2
     return (left, bottom, left + wide, bottom + high)
+
+
+def draw_legend(
+    axes: Any, plan: ControlPlan, units: Units, inches_per_unit: float, missing: int
+) -> None:
+    """Explain what is in the plan, on as many rows as needed.
+
+    `inches_per_unit` is the plan's scale, so that the arrows here are as long as there; `missing`
+    names had no room.
+    """
+    wide, high = size_in(axes)
+    axes.set(xlim=(0.0, wide), ylim=(0.0, high))
+    axes.set_axis_off()
+    x, y = 0.0, high - ROW_IN / 2
+    for width, words, shape, looks in _marks(plan, units, inches_per_unit, missing):
+        needed = width + BESIDE_IN + text_pixels(axes, words, LETTERS)[0] / axes.figure.dpi
+        if x > 0.0 and x + needed > wide:
+            x, y = 0.0, y - ROW_IN
+        if shape == "point":
+            axes.scatter([x + width / 2], [y], **looks)
+        elif shape == "line":
+            axes.plot([x, x + width], [y, y], **looks)
+        elif shape:
+            quiver(axes, np.array([[x, y]]), np.array([[width, 0.0]]), shape)
+        axes.text(x + width + BESIDE_IN, y, words, size=LETTERS, color=MUTED, va="center")
+        x += needed + APART_IN
+
+
+def _marks(plan: ControlPlan, units: Units, inches_per_unit: float, missing: int) -> List[Mark]:
+    """Return the marks that are in the plan, and none that is not."""
+    placed = [point.gps_residual is not None for point in plan.points]
+    without = "without" if any(placed) else "control point"
+    lengths = [line.observation for line in plan.lines]
+    checks = any(row.check and not row.outlier for row in lengths)
+    outliers = any(row.outlier for row in lengths)
+    triangle, circle = {**POINT, "s": 75.0, "marker": "^"}, {**POINT, "s": 48.0, "marker": "o"}
+    every: List[Tuple[bool, Mark]] = [
+        (any(placed), (0.16, "has a position", "point", triangle)),
+        (not all(placed), (0.16, without, "point", circle)),
+        (checks, (0.42, "check, not in the fit", "line", CHECK)),
+        (outliers, (0.42, "left out: contradicts the rest", "line", OUTLIER)),
+        (
+            bool(plan.outliers),
+            (0.2, "an observation of it was left out", "point", {**RING, "s": 130}),
+        ),
+    ]
+    marks = [mark for there, mark in every if there]
+    for arrows, kind, of in (
+        (plan.cloud, "cloud", "in the cloud"),
+        (plan.gps, "gps", "of the position"),
+    ):
+        if arrows is not None:
+            inches = arrows.factor * inches_per_unit
+            shown = nice_step(max(min(arrows.longest, 0.9 / inches), 0.7 / inches))
+            factor = number(arrows.factor, digits=1)
+            words = f"residual {of}: {_small_length(shown, units)}, arrows \u00d7 {factor}"
+            marks.append((shown * inches, words, kind, {}))
+    if plan.hidden_gps:
+        size = f"{number(plan.hidden_gps, digits=2)} {units.length}"
+        marks.append((0.0, f"residuals of positions (up to {size}) are not drawn", "", {}))
+    if missing:
+        names = "name has" if missing == 1 else "names have"
+        marks.append((0.0, f"{missing} {names} no room", "", {}))
+    return marks
+
+
+def _small_length(value: float, units: Units) -> str:
+    """Return a round length in the unit that makes it a plain number."""
+    if units.length == "m" and value < 0.01:
+        return f"{value * 1000:g} mm"
+    if units.length == "m" and value < 1.0:
+        return f"{value * 100:g} cm"
+    return f"{value:g} {units.length}"
+
+
+def draw_colours(axes: Any) -> None:
+    """Draw the colours of the lengths, and what they mean."""
+    gradient(axes, RESIDUALS, LIMIT)
+    at = (-BAD, -GOOD, 0.0, GOOD, BAD)
+    axes.set_xticks(at, [f"{value:+g}".replace("-", MINUS) if value else "0" for value in at])
+    axes.tick_params(axis="x", pad=2)
+    words = "lengths: adjusted \u2212 observed, in \u03c3"
+    axes.text(1.05, 0.5, words, transform=axes.transAxes, size=LETTERS, color=MUTED, va="center")

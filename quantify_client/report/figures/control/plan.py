@@ -32,21 +32,21 @@ class Line:
 
 @dataclass(frozen=True)
 class Arrows:
-    """Residuals of points; `start` and `residual` are (N, 2), in display units and true to size."""
+    """Residuals of points, in display units.
+
+    Attributes
+    ----------
+    start : (N, 2), the points.
+    residual : (N, 2), true to size.
+    factor, drawn : how much they are enlarged, and the result, (N, 2).
+    longest : the largest residual.
+    """
 
     start: FloatArray
     residual: FloatArray
     factor: float
-
-    @property
-    def drawn(self) -> FloatArray:
-        """(N, 2) the arrows as they are drawn."""
-        return self.residual * self.factor
-
-    @property
-    def longest(self) -> float:
-        """The largest residual."""
-        return float(np.hypot(*self.residual.T).max())
+    drawn: FloatArray
+    longest: float
 
 
 @dataclass(frozen=True)
@@ -124,4 +124,5 @@ def _arrows(
         return None
     usual = max(float(np.quantile(length, 0.9)), 0.01 * longest)
     share = min(USUAL, CROWDED / math.sqrt(len(found)))
-    return Arrows(at[known], found, nice_step(size * min(share / usual, LONGEST / longest)))
+    factor = nice_step(size * min(share / usual, LONGEST / longest))
+    return Arrows(at[known], found, factor, found * factor, longest)

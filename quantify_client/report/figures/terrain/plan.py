@@ -18,6 +18,7 @@ from ..look import (
     MUTED,
     PAPER,
     drawn_path,
+    frame,
     gradient,
     scale_bar,
     size_in,
@@ -122,16 +123,12 @@ def outline(axes: Any, polygon: Any) -> None:
 
 def finish_plan(axes: Any, view: View, crs: Optional[str], length_unit: str, units: Units) -> None:
     """Set the view, coordinates in full (a surveyor can stake them out) and the scale bar."""
-    axes.set_facecolor(PAPER)
-    axes.set_xlim(view[0], view[1])
-    axes.set_ylim(view[2], view[3])
-    axes.set_aspect("equal", adjustable="box")
-    axes.spines[:].set_visible(True)
+    frame(axes, view)
     for axis, length in zip((axes.xaxis, axes.yaxis), size_in(axes)):
         ticks(axis, max(3, min(6, int(length / 1.3))), min(LABEL_IN / 2 / length, 0.4))
     unit = "m" if length_unit == "m" else "units"
-    axes.set_xlabel(f"{'Easting' if crs else 'x'}, {unit}")
-    axes.set_ylabel(f"{'Northing' if crs else 'y'}, {unit}")
+    names = ("Easting", "Northing") if crs else ("x", "y")
+    axes.set(facecolor=PAPER, xlabel=f"{names[0]}, {unit}", ylabel=f"{names[1]}, {unit}")
     for label in axes.get_yticklabels():
         label.set(rotation=90, va="center")
     scale_bar(axes, units)

@@ -121,7 +121,6 @@ def draw_section(axes: Any, section: TerrainSection, units: Units) -> None:
     wide, high = size_in(axes)
     words = "from A" if wide < NARROW_IN else "distance from A"
     axes.set_xlabel(f"{words}, {units.length}", loc="left")
-    axes.set_ylabel(f"elevation, {units.length}")
     axes.legend(
         loc="upper right",
         bbox_to_anchor=(1.0, -0.24 / high),  # below, beside the label: inside it would hide terrain
@@ -133,8 +132,8 @@ def draw_section(axes: Any, section: TerrainSection, units: Units) -> None:
         handlelength=2.2,
         columnspacing=1.4,
     )
-    title = "Section A\u2013A\u2032"
-    axes.set_title(title if exaggeration == 1.0 else f"{title}, heights \u00d7 {exaggeration:g}")
+    exaggerated = "" if exaggeration == 1.0 else f", heights \u00d7 {exaggeration:g}"
+    axes.set(title=f"Section A\u2013A\u2032{exaggerated}", ylabel=f"elevation, {units.length}")
 
 
 def _set_limits(axes: Any, along: FloatArray, elevations: FloatArray) -> float:
@@ -150,8 +149,7 @@ def _set_limits(axes: Any, along: FloatArray, elevations: FloatArray) -> float:
         extra = max(wide / high * (high_m - low) - (east - west), 0.0) / 2
         west, east, span, wanted = west - extra, east + extra, high_m - low, 1.0
     middle = (low + high_m) / 2
-    axes.set_xlim(west, east)
-    axes.set_ylim(middle - span / 2, middle + span / 2)
+    axes.set(xlim=(west, east), ylim=(middle - span / 2, middle + span / 2))
     ticks(axes.xaxis, max(3, min(7, int(wide))))
     ticks(axes.yaxis, max(3, min(6, int(high * 1.6))))
     return wanted

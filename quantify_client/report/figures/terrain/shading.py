@@ -64,11 +64,9 @@ def block_mean(values: FloatArray, factor: int) -> FloatArray:
 
     An incomplete block at the north or east is averaged as it is.
     """
-    if factor == 1:
-        return np.asarray(values, dtype=np.float64)
-    ny, nx = (-(-n // factor) for n in values.shape)
-    padded = np.full((ny * factor, nx * factor), np.nan)
-    padded[: values.shape[0], : values.shape[1]] = values
+    missing = [(0, -n % factor) for n in values.shape]
+    padded = np.pad(np.asarray(values, dtype=np.float64), missing, constant_values=np.nan)
+    ny, nx = (n // factor for n in padded.shape)
     blocks = padded.reshape(ny, factor, nx, factor)
     finite = np.isfinite(blocks)
     count = finite.sum(axis=(1, 3))

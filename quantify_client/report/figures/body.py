@@ -1,4 +1,4 @@
-"""The sections of a body, and a figure of them side by side, to one scale."""
+"""The sections of a body: which of them are shown, side by side and as a stack."""
 
 from __future__ import annotations
 
@@ -9,13 +9,23 @@ from typing import Any, List, Sequence, Tuple
 import numpy as np
 import shapely
 from matplotlib.collections import PathCollection
+from matplotlib.colors import to_rgb
 from shapely.geometry.polygon import orient
 
-from ....types import AreaResult, FloatArray, Slice, Solid
-from ...wording.units import Units, fixed
-from ..look import HEIGHTS, INK, MUTED, drawn_path, nice_step, size_in, write_beside
+from ...types import AreaResult, FloatArray, Slice, Solid
+from ..wording.units import Units, fixed
+from .look import HEIGHTS, INK, MUTED, drawn_path, nice_step, size_in, write_beside
 
-__all__ = ["SHOWN", "Section", "chosen", "draw_badge", "draw_sections", "even_odd", "sections_of"]
+__all__ = [
+    "SHOWN",
+    "Section",
+    "chosen",
+    "draw_badge",
+    "draw_sections",
+    "draw_stack",
+    "even_odd",
+    "sections_of",
+]
 
 SHOWN = 12  # sections
 LABEL_IN = 0.46  # two lines of letters below a section
@@ -23,6 +33,9 @@ GAP_IN = 0.22  # between two sections
 SCALE_IN = 0.4  # the scale bar below all
 CROSS_IN = 0.09
 FEWEST_POINTS = 3  # of a ring
+STACKED = 48  # slabs of the stack
+AZIMUTH, ELEVATION = math.radians(-35), math.radians(24)  # from where it is seen, as in view.js
+LAYER_IN = 0.02  # an edge of a slab is so many layers, each thinner than a line
 
 
 @dataclass(frozen=True)
@@ -101,10 +114,9 @@ def draw_sections(axes: Any, shown: Sequence[Section], units: Units) -> None:
     """Draw sections side by side to one scale, numbered from the highest."""
     axes.set_title("Sections, to one scale, seen from above")
     axes.set_axis_off()
-    wide, high = size_in(axes)
-    high -= SCALE_IN
-    axes.set_xlim(0.0, wide)
-    axes.set_ylim(-SCALE_IN, high)
+    wide, tall = size_in(axes)
+    high = tall - SCALE_IN
+    axes.set(xlim=(0.0, wide), ylim=(-SCALE_IN, high))
     if not shown:
         return
     corners = np.vstack([ring for section in shown for ring in section.rings])
@@ -175,3 +187,70 @@ def _elevation(section: Section, shown: Sequence[Section], units: Units) -> str:
     step = (elevations[-1] - elevations[0]) / max(len(shown) - 1, 1)
     decimals = 2 if step <= 0 else min(max(1 - math.floor(math.log10(step)), 0), 6)
     return fixed(section.slice.z_m * units.length_per_m, decimals)
+
+
+def draw_stack(axes: Any, sections: Sequence[Section]) -> None:
+    """Draw slabs as thick as their distance, from the lowest: later ones hide earlier ones."""
+    axes.set_title("Slices as a stack")
+    axes.set_axis_off()
+    shown = chosen(sections, STACKED)
+    if not shown:
+        return
+    edges = _edges([section.z for section in shown], shown[0].slice.height_m)
+    slabs = list(zip(shown, edges[:-1], edges[1:]))
+    corners = np.vstack(
+        [_turned(ring, z) for slab, *ends in slabs for ring in slab.rings for z in ends]
+    )
+    per_m = _fit(axes, corners.min(axis=0), corners.max(axis=0))
+    for section, bottom, top in slabs:
+        _draw_slab(axes, section, bottom, top, per_m)
+    some = "all" if len(shown) == len(sections) else f"{len(shown)} of"
+    words = f"{some} {len(sections)} slices, to scale"
+    axes.text(0.0, 0.0, words, transform=axes.transAxes, size=10, color=MUTED)
+
+
+def _edges(z: List[float], height: float) -> List[float]:
+    """Return where one slab ends and the next begins."""
+    if len(z) == 1:
+        return [z[0] - height / 2, z[0] + height / 2]
+    between = [(a + b) / 2 for a, b in zip(z[:-1], z[1:])]
+    return [2 * z[0] - between[0], *between, 2 * z[-1] - between[-1]]
+
+
+def _turned(xy: Any, z: float) -> Any:
+    """Return points of a level plane as they are seen, (N, 2): right and up."""
+    right = xy[:, 0] * math.cos(AZIMUTH) - xy[:, 1] * math.sin(AZIMUTH)
+    away = xy[:, 0] * math.sin(AZIMUTH) + xy[:, 1] * math.cos(AZIMUTH)
+    return np.column_stack([right, z * math.cos(ELEVATION) + away * math.sin(ELEVATION)])
+
+
+def _fit(axes: Any, low: FloatArray, high: FloatArray) -> float:
+    """Set limits that show all between two corners undistorted; return inches per metre."""
+    size = np.array(size_in(axes))
+    room = np.array([0.0, 0.3])  # for the words below
+    per_m = float(((size - room) / np.maximum(high - low, 1e-9)).min())
+    west, south = (low + high) / 2 - (size + room) / per_m / 2
+    axes.set(xlim=(west, west + size[0] / per_m), ylim=(south, south + size[1] / per_m))
+    return per_m
+
+
+def _draw_slab(axes: Any, section: Section, low: float, high: float, per_m: float) -> None:
+    """Draw layers from the slab's lower face up, then its upper face: seen from above, a slab."""
+    area = even_odd(section.rings)
+    if area.is_empty:
+        return
+    layers = max(2, math.ceil((high - low) * math.cos(ELEVATION) * per_m / LAYER_IN))
+    paths = [
+        drawn_path(shapely.transform(area, lambda xy, z=z: _turned(xy, z)))
+        for z in np.linspace(low, high, layers)
+    ]
+    colour = np.array(to_rgb(HEIGHTS(section.share)))
+    edge = len(paths) - 1
+    # A collection: a patch would have its limits found corner by corner.
+    slab = PathCollection(
+        paths,
+        facecolors=[0.72 * colour] * edge + [colour],
+        edgecolors=["none"] * edge + [0.55 * colour],
+        linewidths=0.5,
+    )
+    axes.add_collection(slab, autolim=False)
