@@ -14,7 +14,6 @@ from ..files.writing import is_ours, put_in_place, require_replaceable, scratch,
 from ..types import AreaResult, Measurement, Scaling
 from .document.geojson import to_geojson
 from .document.measurement import to_json
-from .document.scaling import scale_document
 from .document.slices_csv import write_slices
 from .wording.units import Units, display_units, ground_units, named_units
 from .wording.words import printable, slug
@@ -61,7 +60,7 @@ def require_writable(out: Path, inputs: Sequence[Union[str, Path, None]] = ()) -
     """
 
     class EnoughError(Exception):
-        """Ends the staging as a failure does: folders that were made for it go away."""
+        """Ends the staging like a failure, so that new folders are removed."""
 
     out = Path(out)
     with contextlib.suppress(EnoughError), _folder_explained(out), staging(out, make=True):
@@ -80,7 +79,7 @@ def write_scale_report(
     *,
     out: Optional[Union[str, Path]] = None,
 ) -> None:
-    """Write one HTML file, its picture inside; what was there is replaced only by all of it.
+    """Write one HTML file with its picture inside; an earlier one is replaced only when complete.
 
     `units` of what people read is ``"metric"`` or ``"us"``; `out` is the scaled cloud that was
     written. Raises OutputError when the file cannot be written, or would replace one that is no
@@ -110,17 +109,17 @@ def write_scale_page(
     from .page.page import render_scale_html
 
     shown = named_units(units)
-    document = scale_document(scaling, source, provenance, warnings, out)
     with scratch() as folder:
         picture = folder / "scale.png"
         scale_plan(scaling, picture, shown)
+        page = render_scale_html(scaling, source, provenance, warnings, shown, picture, out)
         with path.open("w", encoding="utf-8") as file:
-            file.writelines(render_scale_html(document, scaling, shown, picture))
+            file.writelines(page)
 
 
 @contextlib.contextmanager
 def _explained(where: str, other: str) -> Iterator[None]:
-    """Turn what the system says into what the user can do."""
+    """Turn an error of the system into one that tells what to do."""
     try:
         yield
     except OutputError:
@@ -177,7 +176,7 @@ def _write_json(path: Path, document: object) -> None:
 
 
 def _free(working: Path, stem: str) -> Path:
-    """Return a path for a picture, under a name that no picture of somebody else has."""
+    """Return a path for a picture whose name is not taken by a file of others."""
     names = (f"{stem}{more}.png" for more in ("", *(f"-{number}" for number in range(2, 1000))))
     beside = working.parent
     free = (n for n in names if not os.path.lexists(beside / n) or is_ours(beside / n))

@@ -1,4 +1,4 @@
-"""The sections of a body: which of them are shown, side by side and as a stack."""
+"""Figures of a body: its sections side by side to one scale, and as a stack of slices."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .look import HEIGHTS, INK, MUTED, drawn_path, nice_step, size_in, write_bes
 __all__ = [
     "SHOWN",
     "Section",
-    "chosen",
+    "evenly_spaced",
     "draw_badge",
     "draw_sections",
     "draw_stack",
@@ -76,8 +76,8 @@ def sections_of(result: AreaResult, solid: Solid) -> List[Section]:
     return made
 
 
-def chosen(sections: Sequence[Section], at_most: int) -> List[Section]:
-    """Return some sections, evenly over the height: the middles of equal parts of it."""
+def evenly_spaced(sections: Sequence[Section], at_most: int) -> List[Section]:
+    """Return at most so many sections, spread evenly over the height."""
     if len(sections) <= at_most:
         return list(sections)
     z = np.array([section.z for section in sections])
@@ -87,7 +87,7 @@ def chosen(sections: Sequence[Section], at_most: int) -> List[Section]:
 
 
 def even_odd(rings: Sequence[FloatArray]) -> Any:
-    """Return what an odd number of the rings surrounds, so that a ring in a ring is a hole.
+    """Return the area inside an odd number of the rings, so that a ring in a ring is a hole.
 
     Examples
     --------
@@ -105,7 +105,7 @@ def even_odd(rings: Sequence[FloatArray]) -> Any:
 
 
 def _polygons(geometry: Any) -> Any:
-    """Return the polygons of a geometry; lines and points, left of a spike, surround nothing."""
+    """Return the polygons of a geometry, without the lines and points that a spike leaves."""
     parts = shapely.get_parts(shapely.get_parts(geometry))
     return shapely.MultiPolygon([p for p in parts if p.geom_type == "Polygon"])
 
@@ -146,7 +146,7 @@ def draw_sections(axes: Any, shown: Sequence[Section], units: Units) -> None:
 
 
 def _arrangement(count: int, size: FloatArray, wide: float, high: float) -> Tuple[int, float]:
-    """Return columns and inches per metre: whatever draws the sections largest."""
+    """Return the number of columns, and the inches per metre, that draw sections largest."""
     columns = np.arange(1, min(count, 6) + 1)
     rows = -(-count // columns)
     scale = np.minimum(
@@ -182,7 +182,7 @@ def draw_badge(axes: Any, x: float, y: float, index: int, x_inset: float) -> Non
 
 
 def _elevation(section: Section, shown: Sequence[Section], units: Units) -> str:
-    """Write an elevation so that neighbours differ."""
+    """Return an elevation with enough decimals to tell neighbouring sections apart."""
     elevations = [s.slice.z_m * units.length_per_m for s in shown]
     step = (elevations[-1] - elevations[0]) / max(len(shown) - 1, 1)
     decimals = 2 if step <= 0 else min(max(1 - math.floor(math.log10(step)), 0), 6)
@@ -190,10 +190,10 @@ def _elevation(section: Section, shown: Sequence[Section], units: Units) -> str:
 
 
 def draw_stack(axes: Any, sections: Sequence[Section]) -> None:
-    """Draw slabs as thick as their distance, from the lowest: later ones hide earlier ones."""
+    """Draw slices as slabs, from the lowest up, so that later ones hide earlier ones."""
     axes.set_title("Slices as a stack")
     axes.set_axis_off()
-    shown = chosen(sections, STACKED)
+    shown = evenly_spaced(sections, STACKED)
     if not shown:
         return
     edges = _edges([section.z for section in shown], shown[0].slice.height_m)
@@ -210,7 +210,7 @@ def draw_stack(axes: Any, sections: Sequence[Section]) -> None:
 
 
 def _edges(z: List[float], height: float) -> List[float]:
-    """Return where one slab ends and the next begins."""
+    """Return the heights of the faces between slabs, and of the lowest and highest face."""
     if len(z) == 1:
         return [z[0] - height / 2, z[0] + height / 2]
     between = [(a + b) / 2 for a, b in zip(z[:-1], z[1:])]
@@ -218,7 +218,7 @@ def _edges(z: List[float], height: float) -> List[float]:
 
 
 def _turned(xy: Any, z: float) -> Any:
-    """Return points of a level plane as they are seen, (N, 2): right and up."""
+    """Project points of a level plane onto the picture: (N, 2), right and up."""
     right = xy[:, 0] * math.cos(AZIMUTH) - xy[:, 1] * math.sin(AZIMUTH)
     away = xy[:, 0] * math.sin(AZIMUTH) + xy[:, 1] * math.cos(AZIMUTH)
     return np.column_stack([right, z * math.cos(ELEVATION) + away * math.sin(ELEVATION)])
@@ -235,7 +235,7 @@ def _fit(axes: Any, low: FloatArray, high: FloatArray) -> float:
 
 
 def _draw_slab(axes: Any, section: Section, low: float, high: float, per_m: float) -> None:
-    """Draw layers from the slab's lower face up, then its upper face: seen from above, a slab."""
+    """Draw a slab as thin layers from its lower face up, the upper face in a lighter colour."""
     area = even_odd(section.rings)
     if area.is_empty:
         return

@@ -124,7 +124,7 @@ def style() -> Any:
 
 
 def new_figure(height_in: float) -> Figure:
-    """Return an empty figure of the width of all."""
+    """Return an empty figure of the common width."""
     figure = Figure(figsize=(WIDTH_IN, height_in), dpi=DPI)
     FigureCanvasAgg(figure)
     return figure
@@ -152,7 +152,7 @@ def head_line(figure: Figure, from_top_in: float, words: str, **looks: Any) -> N
 def write_beside(
     axes: Any, words: str, at: Sequence[float], offset: Tuple[float, float], **looks: Any
 ) -> None:
-    """Write words at so many points from a place in data coordinates."""
+    """Write words at an offset in points from a place in data coordinates."""
     axes.annotate(words, at, xytext=offset, textcoords="offset points", **looks)
 
 
@@ -183,7 +183,7 @@ def _glyphs() -> Any:
 
 
 def drawable(text: object, length: int = 80) -> str:
-    """Return a text that the font can draw: a box for each letter that it lacks."""
+    """Return a text that the font can draw, with boxes for the letters that it lacks."""
     glyphs = _glyphs()
     letters = [c if ord(c) in glyphs else "\u25af" for c in printable(text)]
     # A box each for the many parts of one emoji says no more than one box.
@@ -204,10 +204,10 @@ def nice_step(at_most: float) -> float:
 
 
 def ticks(axis: Any, count: int, inset: float = 0.0) -> None:
-    """Give an axis at most `count` whole numbers with thin spaces, never an offset.
+    """Give an axis at most `count` round numbers, written out in full.
 
-    `inset` is the share of the axis at either end that gets none, since a long label would stick
-    out; the limits must not change afterwards.
+    `inset` is the share of the axis at either end that gets no number, since a long label would
+    stick out; the limits must not change afterwards.
     """
 
     def written(value: float, _position: int) -> str:
@@ -227,7 +227,7 @@ def ticks(axis: Any, count: int, inset: float = 0.0) -> None:
 
 
 def limits_with_margin(low: float, high: float, share: float) -> Tuple[float, float]:
-    """Return the limits widened by a share of their distance, and never of zero width."""
+    """Return limits widened by a share of their distance, also where both are the same."""
     span = high - low
     if not span > 0.0:
         span = max(abs(low), 1.0) * 1e-3

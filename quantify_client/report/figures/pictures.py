@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from ...types import AreaResult, Measurement, Relief, Solid
 from ..wording.units import Units, plus_minus
 from ..wording.words import is_terrain, volume_word
-from .body import SHOWN, chosen, draw_sections, draw_stack, sections_of
+from .body import SHOWN, draw_sections, draw_stack, evenly_spaced, sections_of
 from .look import (
     HALO,
     INK,
@@ -45,7 +45,7 @@ Box = Tuple[float, float, float, float]  # left, bottom, width, height in inches
 
 
 def area_picture(result: AreaResult, measurement: Measurement, units: Units) -> bytes:
-    """Draw plan, section and profile of an area, or a body's sections or, without, its profile."""
+    """Draw plan, section and slices of an area, the sections of a body, or slices alone."""
     with style():
         if result.solid is not None:
             figure = _body(result, result.solid, units)
@@ -77,7 +77,7 @@ def _terrain(result: AreaResult, relief: Relief, measurement: Measurement, units
 
 
 def _layout(aspect: float) -> Tuple[float, Dict[str, Box]]:
-    """Return the figure's height and boxes that give the plan as much room as its form can use."""
+    """Return the height of the figure and the boxes of its axes, for a plan's width / height."""
     if aspect >= WIDE:
         wide, lower = min(11.9, 6.2 * aspect), 3.1
         high = wide / aspect
@@ -101,7 +101,7 @@ def _layout(aspect: float) -> Tuple[float, Dict[str, Box]]:
 def _body(result: AreaResult, solid: Solid, units: Units) -> Figure:
     figure = new_figure(8.9)
     sections = sections_of(result, solid)
-    shown = chosen(sections, SHOWN)
+    shown = evenly_spaced(sections, SHOWN)
     draw_stack(axes_at(figure, (0.45, 3.75, 4.15, 3.95)), sections)
     draw_convergence(axes_at(figure, (1.1, 0.7, 3.5, 2.05)), result, solid, units)
     draw_sections(axes_at(figure, (5.1, 0.3, 5.1, 7.4)), shown, units)
@@ -165,7 +165,7 @@ def _overview(drawn: List[AreaResult], measurement: Measurement, units: Units) -
 
 
 def _paint(axes: Any, ground: Relief, polygon: Any, limit: float) -> None:
-    """Draw a relief below all areas, and its own area above the ground round its neighbours."""
+    """Draw a relief, and its area once more above the surroundings of other areas."""
     looks = {"interpolation": "antialiased", "interpolation_stage": "rgba", "origin": "lower"}
     colours, extent = paint(ground, limit), extent_of(ground)
     axes.imshow(colours, extent=extent, zorder=0.0, **looks)
@@ -174,7 +174,7 @@ def _paint(axes: Any, ground: Relief, polygon: Any, limit: float) -> None:
 
 
 def _cells_shown(relief: Relief, view: View) -> int:
-    """Return how many cells of a relief the overview has pixels for."""
+    """Return the number of cells a side for which the overview has pixels."""
     side = max(relief.elevation_m.shape) * relief.cell_m
     whole = max(view[1] - view[0], view[3] - view[2])
     return max(16, min(LARGEST_GRID, int(1200 * side / whole)))

@@ -1,4 +1,4 @@
-"""Numbers of slices as pictures: area over height, volume over the number of slices."""
+"""Figures of slices: area over height, and volume over the number of slices."""
 
 from __future__ import annotations
 
@@ -72,7 +72,9 @@ def _draw_bars(axes: Any, slices: Sequence[Slice], colours: Any, units: Units) -
     corners = [(zero, low), (area, low), (area, high), (zero, high)]
     bars = np.stack([np.stack(corner, axis=-1) for corner in corners], axis=1)
     edge = "white" if len(slices) <= SEPARATE else "face"
-    axes.add_collection(PolyCollection(bars, facecolors=colours, edgecolors=edge, linewidths=0.5))
+    axes.add_collection(
+        PolyCollection(list(bars), facecolors=colours, edgecolors=edge, linewidths=0.5)
+    )
     widest = area.max(initial=0.0)
     axes.set_xlim(0.0, widest * 1.05 if widest > 0 else 1.0)
     if slices:
@@ -123,7 +125,7 @@ def draw_convergence(axes: Any, result: AreaResult, solid: Solid, units: Units) 
 
 
 def _count_ticks(axes: Any, counts: List[int]) -> None:
-    """Give doubled numbers a logarithmic axis, and write the numbers themselves."""
+    """Write the numbers of slices on the axis, which is logarithmic for a wide range."""
     if counts and counts[-1] > 4 * counts[0]:
         axes.set_xscale("log")
         axes.set_xlim(counts[0] / 1.25, counts[-1] * 1.25)

@@ -1,7 +1,7 @@
-"""HTML that escapes itself: whatever is put into an element is text, unless it is Markup.
+"""HTML elements whose contents are escaped, unless they are Markup already.
 
-Written here because the page is also made in WebODM's web process, where a template engine of our
-own version could be loaded in place of WebODM's.
+Written here because pages are also made inside WebODM's web process, which holds one copy of each
+package: a template engine packed with the plugin could replace the one that WebODM uses.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ def note(lines: Sequence[str]) -> Markup:
 
 
 def details(summary: str, *parts: object, opened: bool = False) -> Markup:
-    """Return parts that are folded away, or can be."""
+    """Return parts below a summary that opens and closes them."""
     return tag("details", tag("summary", summary), *parts, open=opened)
 
 

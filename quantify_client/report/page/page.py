@@ -35,7 +35,7 @@ def render_html(
     overview: Optional[Path] = None,
     scale_picture: Optional[Path] = None,
 ) -> Iterator[str]:
-    """Yield the page of a measurement in pieces: the pictures of many areas need much memory.
+    """Yield the page of a measurement in pieces, which saves memory where areas are many.
 
     `pictures` has the PNG (a file, or what is in one) of each result that has one, by its index.
     """
@@ -72,25 +72,31 @@ def render_html(
 
 
 def render_scale_html(
-    document: Mapping[str, Any], scaling: Scaling, units: Units, picture: Optional[Path]
+    scaling: Scaling,
+    source: str,
+    provenance: Mapping[str, Any],
+    warnings: Sequence[str],
+    units: Units,
+    picture: Optional[Path],
+    out: Union[str, Path, None] = None,
 ) -> Iterator[str]:
     """Yield the page of a scaling alone, in pieces.
 
-    `document` is that of ``document.scaling.scale_document``; `picture` is a PNG file.
+    `picture` is a PNG file; `out` is the scaled cloud that was written.
     """
     chips = [
         ("CRS", crs_words(scaling.target_crs)),
         ("Units", units.length),
         ("Mode", scaling.mode),
     ]
-    if document["out"] is not None:
-        chips.append(("Scaled cloud", document["out"]))
+    if out is not None:
+        chips.append(("Scaled cloud", str(out)))
     # Those of the scaling itself are in its card.
-    warnings = [warning for warning in document["warnings"] if warning not in scaling.warnings]
-    yield _top(f"Scale: {document['source']}")
-    yield _header("Scale report", document["source"], chips, warnings)
+    others = [warning for warning in warnings if warning not in scaling.warnings]
+    yield _top(f"Scale: {source}")
+    yield _header("Scale report", source, chips, others)
     yield scale_section(scaling, units, picture)
-    yield _provenance(document["provenance"], scaling.target_crs)
+    yield _provenance(provenance, scaling.target_crs)
     yield END
 
 
@@ -111,7 +117,7 @@ def _warnings(measurement: Measurement, units: Units) -> Tuple[List[str], Dict[s
 
 
 def _top(title: str, views: int = 0) -> str:
-    """Return all up to the page's body; the script's policy only where a body can be turned."""
+    """Return everything before the contents; scripts are allowed only for views of bodies."""
     folder = resources.files(__package__)
     template = string.Template((folder / "report.html").read_text("utf-8"))
     style = (folder / "report.css").read_text("utf-8")
@@ -155,7 +161,7 @@ def _summary(
     *,
     bodies: bool,
 ) -> str:
-    """Return the table of all areas, each a link to its own part, and what several share."""
+    """Return the table of all areas, with links to them, and warnings of several areas."""
     unit = units.volume
     title, head = "All areas", ["Area", "Net", f"Cut, {unit}", f"Fill, {unit}"]
     if bodies:

@@ -28,7 +28,7 @@ SOURCES = {"scale": "how well the control knows the size of the whole cloud"}
 def result_body(
     result: AreaResult, units: Units, warnings: Sequence[str] = ()
 ) -> Tuple[Markup, Markup]:
-    """Return what goes above the picture, the warnings among it, and what goes below it."""
+    """Return the parts above the picture, with the warnings, and those below it."""
     above = [tag("dl", *_headline(result, units), class_="headline"), note(warnings)]
     if result.solid is not None:
         words = f"{floor_words(result.solid, units)} {gap_words(result.solid, units)}"
@@ -66,7 +66,7 @@ def _headline(result: AreaResult, units: Units) -> List[Markup]:
 def _volume(
     name: str, value: Optional[float], std: Optional[float], units: Units, kind: str = ""
 ) -> Markup:
-    """Return a volume with its interval; of a `kind` it is never negative."""
+    """Return a volume with its interval; a cut or fill (`kind`) is never negative."""
     ends = interval95(value, std, least=0.0 if kind else -math.inf)
     interval = "no interval"
     if ends is not None:
@@ -129,7 +129,7 @@ def _check(result: AreaResult, check: Check, units: Units) -> Markup:
 
 
 def _budget(result: AreaResult, units: Units) -> Markup:
-    """Return the budget; bars show shares of the variance, since that is what adds up."""
+    """Return the error budget; bars show shares of the variance, since variances add up."""
     total = sum(item.std_m3**2 for item in result.budget)
     rows = []
     for item in sorted(result.budget, key=lambda item: -item.std_m3):

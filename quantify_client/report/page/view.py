@@ -1,4 +1,4 @@
-"""The view of a body that a reader turns on the page: its data, and the page's script for it."""
+"""The view of a body that can be turned on the page: its elements and its data."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any, Dict, Iterable, List, Sequence
 import numpy as np
 
 from ...types import AreaResult, FloatArray, Solid
-from ..figures.body import Section, chosen, sections_of
+from ..figures.body import Section, evenly_spaced, sections_of
 from ..figures.look import nice_step
 from ..wording.units import Units, count
 from ..wording.words import gap_width, is_terrain
@@ -38,7 +38,7 @@ LAYERS = (
 
 
 def script() -> str:
-    """Return what runs on the page, once for all views."""
+    """Return the script of the page, one for all views."""
     return (resources.files(__package__) / "view.js").read_text("utf-8")
 
 
@@ -56,7 +56,7 @@ def view_markup(result: AreaResult, units: Units, *, north: bool, views: int = 1
     solid = result.solid
     if solid is None or is_terrain(result):
         return Markup()
-    sections = chosen(sections_of(result, solid), MOST_SECTIONS)
+    sections = evenly_spaced(sections_of(result, solid), MOST_SECTIONS)
     data = _view_data(result, solid, sections, units, min(1.0, AT_FULL / views))
     if data is None:
         return Markup()
@@ -116,7 +116,7 @@ def _legend(data: Dict[str, Any], result: AreaResult, solid: Solid, sections: in
 def _view_data(
     result: AreaResult, solid: Solid, sections: Sequence[Section], units: Units, share: float
 ) -> Any:
-    """Return all that the script draws, or None when there is nothing."""
+    """Return the data that the script draws, or None when there is nothing."""
     points = {
         key: _some(getattr(solid, key), int(most * share)) for key, most in MOST_POINTS.items()
     }
@@ -149,12 +149,12 @@ def _view_data(
 
 
 def _rounded(values: Iterable[float]) -> List[float]:
-    """Return seven digits: more than a picture can show."""
+    """Return numbers rounded to seven digits, more than a picture can show."""
     return [float(f"{value:.7g}") for value in values]
 
 
 def _some(points: Any, at_most: int) -> FloatArray:
-    """Return some of the points, the same ones each time."""
+    """Return at most so many of the points, the same ones each time."""
     known: FloatArray = np.asarray(points, dtype=np.float64).reshape(-1, 3)
     rows = np.flatnonzero(np.isfinite(known).all(axis=1))
     if len(rows) > at_most:

@@ -1,4 +1,4 @@
-"""What a control file can give, for people and for programs."""
+"""What a control file holds and allows, for people and for programs."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def control_document(account: ControlAccount) -> Dict[str, Any]:
 
 
 def print_control(account: ControlAccount, console: Console, *, units: str = "metric") -> None:
-    """Print what is there, what it can give and what it cannot, and the solved elevations."""
+    """Print what the file holds, what can and cannot be computed, and the solved elevations."""
     counts = [
         (account.points, "points"),
         (account.placed, "with a position"),

@@ -117,7 +117,7 @@ def _volumes(result: AreaResult, units: Units) -> Row:
 
 
 def _print_rows(console: Console, rows: List[Row]) -> None:
-    """Print a table, or without room for it a line for each cell."""
+    """Print a table, or where it does not fit a line for each cell."""
     # Columns are those of any row, in the order of the fullest.
     headings = list(dict.fromkeys(h for row in sorted(rows, key=len)[::-1] for h, _ in row))
     cells = [[terminal_text(console, dict(row).get(h, "")) for h in headings] for row in rows]
@@ -168,7 +168,7 @@ def print_grid(
 
 
 def _print_remarks(console: Console, result: AreaResult, units: Units, name: str) -> None:
-    """Print what a table has no column for; `name` is put before each line."""
+    """Print ground, gaps, checks and compared bases; `name` is put before each line."""
     if result.solid is not None:
         say(console, f"{name}{floor_words(result.solid, units)}")
         say(console, f"{name}{gap_words(result.solid, units)}")
@@ -193,7 +193,7 @@ def say(console: Console, line: str, style: str = "") -> None:
 
 
 def terminal_text(console: Console, line: str) -> Text:
-    """Return a Text, whose brackets are no markup, of what the terminal can show."""
+    """Return a line in characters that the terminal can show; brackets in it are no markup."""
     line = printable(line).translate(PLAIN)
     encoding = console.encoding or "utf-8"
     if not encoding.lower().startswith("utf"):

@@ -36,7 +36,7 @@ STYLES = {"good": "green", "doubtful": "yellow", "bad": "bold red", "open": "dim
 
 
 def print_scaling(scaling: Scaling, console: Console, units: str = "metric") -> None:
-    """Print the factor, where it comes from, each observation, and what has to be looked at.
+    """Print the factor, where it comes from, each observation, and what needs attention.
 
     Names and warnings are shown as they are: markup in them is text, and control characters
     never reach the terminal. At most 40 rows of observations are shown, the worst.
@@ -130,7 +130,7 @@ def _sentence(words: ObservationWords, unit: str) -> str:
 
 
 def _print_heights(scaling: Scaling, console: Console) -> None:
-    """Print the paper's elevation differences that are not as they should be."""
+    """Print the paper's elevation differences that have a remark."""
     noted = [height for height in scaling.direct if height.note]
     for height in noted[:HEIGHTS]:
         pair = f"{height.start}-{height.end}"

@@ -40,7 +40,7 @@ def in_units(sentence: str, units: Units) -> str:
 
     def converted(match: re.Match[str]) -> str:
         name, factor = of[match[2]]
-        return f"{match[1] if factor == 1.0 else _times(match[1], factor)} {name}"
+        return f"{match[1] if factor == 1.0 else _scaled(match[1], factor)} {name}"
 
     shown = _QUANTITY.sub(converted, sentence)
     if isinstance(sentence, Notice):
@@ -48,7 +48,7 @@ def in_units(sentence: str, units: Units) -> str:
     return shown
 
 
-def _times(written: str, factor: float) -> str:
+def _scaled(written: str, factor: float) -> str:
     """Return a written number times a factor, with as many significant digits."""
     bare = written.replace(",", "")
     digits = len(bare.lower().partition("e")[0].replace(".", "").lstrip("0")) or 1
@@ -71,7 +71,7 @@ def kind_of(sentence: str) -> str:
 
 
 def lines_of_kinds(said: Sequence[Tuple[str, str]], *, named: bool) -> List[str]:
-    """Return a line for each sentence that differs in more than numbers, those of a kind together.
+    """Return a line for each sentence, those that differ only in numbers as one.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def lines_of_kinds(said: Sequence[Tuple[str, str]], *, named: bool) -> List[str]
 
 
 def _line(rows: Sequence[Tuple[str, str]], named: bool) -> str:
-    """Return the sentence with the range of each number that differs, and who it is about."""
+    """Return the sentence with the range of each number that differs, after the areas' names."""
     columns = zip(*(_NUMBER.findall(sentence) for _, sentence in rows))
     ranges = iter([_range(column) for column in columns])
     sentence = _NUMBER.sub(lambda _: next(ranges), rows[0][1])

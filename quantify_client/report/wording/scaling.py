@@ -64,7 +64,7 @@ SMALL = 1e-3  # a relative error below it is also told in parts per million
 
 @dataclass(frozen=True)
 class Observation:
-    """What was observed at once: one length, two coordinates of a position, three in the cloud.
+    """One observation: a length, two coordinates of a position, three of a point in the cloud.
 
     Attributes
     ----------
@@ -173,7 +173,7 @@ class ObservationWords:
 
 
 def observation_words(row: Observation, units: Units) -> ObservationWords:
-    """Return what was observed, its residuals with their directions, and what to know of them."""
+    """Return an observation with its residuals and remarks in words."""
     part, size = row.parts[0], row.in_sigmas
     observed = "" if part.component else units.length_by_error(part.observed, part.sigma)
     uncontrolled = row.redundancy is not None and row.redundancy < UNCONTROLLED
@@ -256,12 +256,12 @@ def mode_words(scaling: Scaling) -> str:
 
 
 def source_words(scaling: Scaling) -> str:
-    """Return which observations the scale comes from, as a sentence without its full stop."""
+    """Return which observations the scale comes from, without a full stop."""
     return _sentence(scaling.carried_by)
 
 
 def conflict_words(scaling: Scaling) -> str:
-    """Return the largest contradiction, as a sentence without its full stop."""
+    """Return the largest contradiction between observations, without a full stop."""
     return _sentence(scaling.conflict or "nothing contradicts the rest")
 
 
@@ -272,7 +272,7 @@ def _sentence(words: str) -> str:
 
 
 def rms_words(scaling: Scaling, units: Units) -> str:
-    """Return the RMS of the residuals, and that of what was left out to check them."""
+    """Return the RMS of the residuals, and that of the check observations."""
     lengths = any(o.kind in ("distance", "scale_bar") for o in scaling.observations)
     values = {
         "the lengths" if lengths else "the positions": scaling.rms_m,

@@ -40,7 +40,7 @@ SHORT_TON_T = 0.90718474
 
 
 def number(value: Optional[float], *, std: Optional[float] = None, digits: int = 4) -> str:
-    """Write a number with the digits that its error supports.
+    """Return a number with the digits that its error supports.
 
     Two significant digits of the standard deviation `std` are kept; without one (or with 0)
     `digits` of the value, and never fewer than its integer part. None and what is not finite
@@ -65,7 +65,7 @@ def number(value: Optional[float], *, std: Optional[float] = None, digits: int =
 
 
 def fixed(value: float, decimals: int) -> str:
-    """Write a number with that many decimals; negative ones round to tens, hundreds, ...
+    """Return a number with that many decimals; negative ones round to tens, hundreds, ...
 
     Examples
     --------
@@ -81,7 +81,7 @@ def fixed(value: float, decimals: int) -> str:
 
 
 def count(value: int) -> str:
-    """Write a whole number.
+    """Return a whole number with spaces between thousands.
 
     Examples
     --------
@@ -187,7 +187,7 @@ US = Units(
 
 
 def display_units(measurement: Measurement, units: str) -> Units:
-    """Choose the units of what people read.
+    """Return the units of what people read.
 
     A cloud of unknown unit is never converted: nobody knows from what.
     """

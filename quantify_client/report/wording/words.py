@@ -45,7 +45,7 @@ FLOORS = {
 
 
 def printable(text: object) -> str:
-    r"""Return the text on one line, without anything that steers a terminal or the reader.
+    r"""Return the text on one line, without control characters and direction overrides.
 
     Examples
     --------
@@ -152,7 +152,7 @@ def volume_word(result: AreaResult) -> str:
 
 
 def volumes(result: AreaResult, units: Units) -> List[str]:
-    """Return the net volume, its 95 % half width, cut and fill: what every table shows."""
+    """Return the volume, half the width of its 95 % interval, cut and fill."""
     return [
         units.volume_number(result.volume_m3, result.std_m3),
         units.half_width(result.std_m3),

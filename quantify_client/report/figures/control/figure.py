@@ -1,4 +1,4 @@
-"""The picture of a scaling: the plan of its control, what the scale depends on, the residuals."""
+"""The picture of a scaling: plan of the control, contributions to the scale, residuals."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def _with_plan(scaling: Scaling, plan: ControlPlan, units: Units) -> Figure:
 
 
 def _height(plan: ControlPlan) -> float:
-    """Return the least height of the plan that makes its scale no smaller."""
+    """Return the smallest height of the plan that does not reduce its scale."""
     west, east, _, _ = plan.view(WIDE / HIGHEST)
     for high in np.arange(LOWEST, HIGHEST, 0.1):
         view = plan.view(WIDE / float(high))
@@ -133,7 +133,7 @@ def _kinds_of(scaling: Scaling) -> List[str]:
 
 
 def _draw_contributions(axes: Any, scaling: Scaling) -> None:
-    """Draw the share of the scale's information that the most important observations hold."""
+    """Draw a bar for each of the observations that contribute most to the scale."""
     rows = [(row, row.contribution or 0.0) for row in observations_of(scaling)]
     rows = sorted((r for r in rows if r[1] > 0.0), key=lambda r: -r[1])
     shown = rows[:SHOWN]
@@ -209,7 +209,7 @@ def _draw_kind(
 
 
 def _stacked(x: FloatArray, edge: float) -> FloatArray:
-    """Return offsets that set points of nearly the same value above each other."""
+    """Return vertical offsets that keep points of nearly the same value apart."""
     column = np.round(x / edge * 30).astype(int)
     offset = np.zeros(len(x))
     for number_of in np.unique(column):

@@ -98,7 +98,7 @@ def _draw_lines(axes: Any, lines: Sequence[Line], many: bool) -> None:
 
 
 def quiver(axes: Any, start: FloatArray, vector: FloatArray, kind: str) -> None:
-    """Draw arrows in the units of the axes: of the cloud filled, of positions open."""
+    """Draw residuals as arrows in the units of the axes: ``"cloud"`` filled, ``"gps"`` open."""
     axes.quiver(
         *start.T,
         *vector.T,
@@ -165,7 +165,7 @@ def _write_names(axes: Any, plan: ControlPlan, units: Units, many: bool) -> int:
 
 
 def _drawn(axes: Any, plan: ControlPlan) -> FloatArray:
-    """Return points (N, 2) in pixels along all that is drawn."""
+    """Return points along everything that is drawn, (N, 2) pixels, for labels to avoid."""
     share = np.linspace(0.0, 1.0, 60)[:, None]
     parts: List[FloatArray] = [plan.at]
     parts += [line.ends[0] + share * (line.ends[1] - line.ends[0]) for line in plan.lines]
@@ -176,7 +176,7 @@ def _drawn(axes: Any, plan: ControlPlan) -> FloatArray:
 
 
 class Labels:
-    """Puts one text after another where it covers least; gives up rather than cover a text.
+    """Places texts where they cover least, and none on top of another.
 
     Attributes
     ----------
@@ -212,7 +212,7 @@ class Labels:
         return True
 
     def _cost(self, box: Box) -> Optional[float]:
-        """Return how much a box covers; None where it covers text or leaves the plan."""
+        """Return the cost of a box; None where it would cover text or leave the plan."""
         left, bottom, right, top = box
         view = self.view
         if left < view[0] or bottom < view[1] or right > view[2] or top > view[3]:
@@ -260,7 +260,7 @@ def draw_legend(
 
 
 def _marks(plan: ControlPlan, units: Units, inches_per_unit: float, missing: int) -> List[Mark]:
-    """Return the marks that are in the plan, and none that is not."""
+    """Return the legend of those marks that occur in the plan."""
     placed = [point.gps_residual is not None for point in plan.points]
     without = "without" if any(placed) else "control point"
     lengths = [line.observation for line in plan.lines]
@@ -298,7 +298,7 @@ def _marks(plan: ControlPlan, units: Units, inches_per_unit: float, missing: int
 
 
 def _small_length(value: float, units: Units) -> str:
-    """Return a round length in the unit that makes it a plain number."""
+    """Return a round length in mm, cm or m, whichever needs no decimals."""
     if units.length == "m" and value < 0.01:
         return f"{value * 1000:g} mm"
     if units.length == "m" and value < 1.0:
@@ -307,7 +307,7 @@ def _small_length(value: float, units: Units) -> str:
 
 
 def draw_colours(axes: Any) -> None:
-    """Draw the colours of the lengths, and what they mean."""
+    """Draw the colour scale of the residuals of lengths."""
     gradient(axes, RESIDUALS, LIMIT)
     at = (-BAD, -GOOD, 0.0, GOOD, BAD)
     axes.set_xticks(at, [f"{value:+g}".replace("-", MINUS) if value else "0" for value in at])

@@ -51,7 +51,7 @@ class Arrows:
 
 @dataclass(frozen=True)
 class ControlPlan:
-    """What is drawn, in display units from the middle of the control.
+    """A control network in plan, in display units from its middle.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ class ControlPlan:
 
 
 def control_plan(scaling: Scaling, units: Units) -> Optional[ControlPlan]:
-    """Return what can be drawn, or None where no point has a place."""
+    """Return the plan of a control network, or None where no point has coordinates."""
     points = [p for p in scaling.points if math.isfinite(p.east) and math.isfinite(p.north)]
     if not points:
         return None

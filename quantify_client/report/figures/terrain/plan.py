@@ -48,7 +48,7 @@ CONTOUR_CELLS = 220  # finer contours follow noise and cost time
 
 
 def view_of(polygons: Any) -> View:
-    """Return the window round the polygons, with a margin, never a mere line."""
+    """Return the extent of polygons with a margin, widened where it is very narrow."""
     west, south, east, north = shapely.total_bounds(polygons)
     longer = max(east - west, north - south)
     # Of a long gully the mean of its sides: its length would drown it in empty ground.
@@ -60,7 +60,7 @@ def view_of(polygons: Any) -> View:
 
 
 def draw_plan(axes: Any, ground: Relief, slices: Sequence[Slice], limit: float, view: View) -> None:
-    """Draw the relief, its contours and its outline; row 0 lies south."""
+    """Draw the shaded relief, its contours and the outline of the area."""
     west, east, south, north = extent = extent_of(ground)
     per_m = size_in(axes)[0] * axes.figure.dpi / (view[1] - view[0])
     # The view may cut a large relief: its hidden part is not worth memory.
@@ -135,7 +135,7 @@ def finish_plan(axes: Any, view: View, crs: Optional[str], length_unit: str, uni
 
 
 def draw_section_line(axes: Any, section: TerrainSection) -> None:
-    """Mark where the section runs, its letters inside the view."""
+    """Draw the line of the section from A to A', within the view."""
     (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
     edge = 0.022 * max(east - west, north - south)
     line = shapely.linestrings(np.column_stack([section.x[[0, -1]], section.y[[0, -1]]]))
@@ -154,7 +154,7 @@ def draw_section_line(axes: Any, section: TerrainSection) -> None:
 
 
 def draw_colour_bar(axes: Any, limit: float, units: Units) -> None:
-    """Draw the meaning of the colours."""
+    """Draw the colour scale of heights above the base."""
     gradient(axes, HEIGHTS_ABOVE_BASE, limit * units.length_per_m, upright=True)
     axes.yaxis.tick_right()
     axes.yaxis.set_label_position("right")

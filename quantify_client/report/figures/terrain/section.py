@@ -62,7 +62,7 @@ def section_of(relief: Relief) -> Optional[TerrainSection]:
 
 
 def _line(polygon: Any, x: float, y: float, cell_m: float) -> Tuple[FloatArray, FloatArray]:
-    """Return samples of the line through (x, y), west to east, from rim to rim and a bit more."""
+    """Return places along the line through (x, y), west to east, a little beyond the area."""
     direction = longest_direction(polygon)
     xy = shapely.get_coordinates(polygon) - (x, y)
     along = xy @ direction
@@ -137,7 +137,7 @@ def draw_section(axes: Any, section: TerrainSection, units: Units) -> None:
 
 
 def _set_limits(axes: Any, along: FloatArray, elevations: FloatArray) -> float:
-    """Choose a round exaggeration that shows the form, and limits that make it exact."""
+    """Set limits that exaggerate heights by a round factor, and return the factor."""
     wide, high = size_in(axes)
     finite = elevations[np.isfinite(elevations)]
     low, high_m = limits_with_margin(float(finite.min()), float(finite.max()), 0.08)

@@ -1,4 +1,4 @@
-"""From a relief's arrays to coloured ones: coarsening, hill shade, height colours, hatching.
+"""Colours of a relief: coarsening, hill shade, heights above the base, hatching.
 
 Arrays only; nothing here knows of axes. Row 0 is the southernmost, as in
 :class:`~quantify_client.types.Relief`.
@@ -103,7 +103,7 @@ def slope(elevation_m: FloatArray, cell_m: float, axis: int) -> FloatArray:
 
 
 def height_limit(above_base_m: FloatArray) -> float:
-    """Return the height at which the colours end: robust, and the same above and below."""
+    """Return the 99th percentile of heights above or below the base: where colours end."""
     limit = _percentile(np.abs(above_base_m), 99.0)
     return limit if limit > 0.0 else 1.0
 
@@ -129,7 +129,7 @@ def paint(ground: Relief, limit: float) -> npt.NDArray[np.uint8]:
 
 
 def lit(rgb: FloatArray, light: FloatArray) -> FloatArray:
-    """Return colours in shade or light, in 0..1: darker there, whiter here, of the same hue.
+    """Return colours (0..1) darkened in shade and lightened in the sun, with the same hue.
 
     A mere product would clip the brightest channels, and brown would turn yellow in the sun.
     """
@@ -141,7 +141,7 @@ def lit(rgb: FloatArray, light: FloatArray) -> FloatArray:
 def enlarge(
     rgba: npt.NDArray[np.uint8], ground: Relief, shape: Tuple[int, int]
 ) -> npt.NDArray[np.uint8]:
-    """Return the picture in its own pixels, with diagonal lines over interpolated cells.
+    """Return the colours at the size of the picture, with interpolated cells hatched.
 
     `rgba` is (ny, nx, 4) uint8, painted from `ground`; `shape` are rows and columns of the
     picture, so that the lines stay thin on any grid. A grid that has more is returned as fine as
