@@ -28,11 +28,12 @@ __all__ = [
 ]
 
 REPLACEMENT = "\ufffd"
-# Direction overrides can make a text read as another one ("Trojan source").
-BIDI_CONTROLS = frozenset(
-    "\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
+SPACES = re.compile("[\t\n\r\v\f\x85\u2028\u2029]")
+# Control characters, halves of characters, and direction overrides, which can make a text read as
+# another one ("Trojan source").
+STEERING = re.compile(
+    "[\x00-\x1f\x7f-\x9f\ud800-\udfff\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]"
 )
-SPACES = frozenset("\t\n\r\v\f\x85\u2028\u2029")
 WKT_NAME = re.compile(r'^\s*[A-Z_a-z]+\s*[\[(]\s*"((?:[^"]|"")*)"')
 SLUG_LENGTH = 40
 LEVEL_DEGREES = 0.05  # a tilt below it is shown as level
@@ -52,14 +53,7 @@ def printable(text: object) -> str:
     >>> printable("a\x1b[31mb\nc") == "a\ufffd[31mb c"
     True
     """
-
-    def shown(character: str) -> str:
-        if character in SPACES:
-            return " "
-        steers = character in BIDI_CONTROLS or unicodedata.category(character) in ("Cc", "Cs")
-        return REPLACEMENT if steers else character
-
-    return "".join(map(shown, str(text)))
+    return STEERING.sub(REPLACEMENT, SPACES.sub(" ", str(text)))
 
 
 def encodable(text: str) -> str:

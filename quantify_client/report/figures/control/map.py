@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Sequence, Tuple
 
 import numpy as np
 from matplotlib.collections import LineCollection
@@ -196,33 +196,26 @@ class Labels:
     ) -> bool:
         """Write a text beside the first of the anchors (pixels) that has room, or not at all."""
         wide, high = text_pixels(self._axes, words, size, looks["weight"])
-        best: Optional[Tuple[float, Box]] = None
-        for rank, (x, y) in enumerate(anchors):
-            for order, side in enumerate(SIDES):
-                box = _box(x, y, side, wide + 2.0, high + 3.0)
-                cost = self._cost(box)
-                if cost is not None and (best is None or cost + order + 2.0 * rank < best[0]):
-                    best = (cost + order + 2.0 * rank, box)
-        if best is None:
+        boxes = np.array(
+            [_box(x, y, side, wide + 2.0, high + 3.0) for x, y in anchors for side in SIDES]
+        )
+        left, bottom, right, top = boxes.T
+        view, taken = self.view, np.array(self.taken).T[..., None]
+        free = (left >= view[0]) & (bottom >= view[1]) & (right <= view[2]) & (top <= view[3])
+        free &= ~(
+            (left < taken[2]) & (right > taken[0]) & (bottom < taken[3]) & (top > taken[1])
+        ).any(axis=0)
+        if not free.any():
             return False
-        box = best[1]
-        self.taken.append(box)
-        x, y = self._axes.transData.inverted().transform((box[0], (box[1] + box[3]) / 2))
-        self._axes.text(x, y, words, size=size, ha="left", va="center", zorder=9, **looks)
+        x, y = self._obstacles.T[..., None]
+        covered = ((x > left) & (x < right) & (y > bottom) & (y < top)).sum(axis=0)
+        rank, order = np.divmod(np.arange(len(boxes)), len(SIDES))
+        cost = BUSY * np.sqrt(covered) + order + 2.0 * rank
+        box = boxes[np.where(free, cost, np.inf).argmin()]
+        self.taken.append(tuple(box))
+        place = self._axes.transData.inverted().transform((box[0], (box[1] + box[3]) / 2))
+        self._axes.text(*place, words, size=size, ha="left", va="center", zorder=9, **looks)
         return True
-
-    def _cost(self, box: Box) -> Optional[float]:
-        """Return the cost of a box; None where it would cover text or leave the plan."""
-        left, bottom, right, top = box
-        view = self.view
-        if left < view[0] or bottom < view[1] or right > view[2] or top > view[3]:
-            return None
-        for other in self.taken:
-            if left < other[2] and right > other[0] and bottom < other[3] and top > other[1]:
-                return None
-        x, y = self._obstacles.T
-        covered = np.count_nonzero((x > left) & (x < right) & (y > bottom) & (y < top))
-        return BUSY * float(np.sqrt(covered))
 
 
 def _box(x: float, y: float, side: Tuple[int, int], wide: float, high: float) -> Box:
