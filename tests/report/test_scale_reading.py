@@ -14,7 +14,7 @@ from rich.console import Console
 from quantify_client.errors import InputError, OutputError
 from quantify_client.report import print_scaling, write_scale_report
 from quantify_client.report.page import page as page_module
-from quantify_client.report.page.markup import details
+from quantify_client.report.page.markup import Markup, details, join, tag
 from quantify_client.report.page.page import render_html
 from quantify_client.report.page.scaling import scale_section
 from quantify_client.report.wording.scaling import (
@@ -270,6 +270,16 @@ def test_long_tables_are_folded_and_short_ones_are_not() -> None:
         scalings.least(), METRIC, None
     )
     assert details("a", "b") == "<details><summary>a</summary>b</details>"
+
+
+def test_only_markup_is_not_escaped() -> None:
+    line = Markup("<br>")
+    assert join("<b>", line) == "&lt;b&gt;<br>"
+    assert join(f"{line}", line + "x") == "&lt;br&gt;&lt;br&gt;x"
+    assert tag("p", tag("b", "&"), id='"><x', open=False) == (
+        '<p id="&quot;&gt;&lt;x"><b>&amp;</b></p>'
+    )
+    assert tag("i", id=Markup('"')) == '<i id="&quot;"></i>'
 
 
 def test_report_of_volumes_has_the_card_before_the_results(tmp_path: Path) -> None:
