@@ -123,6 +123,14 @@ def test_numbers_are_not_broken_where_the_table_does_not_fit() -> None:
     ]
 
 
+@pytest.mark.parametrize("width", range(50, 110, 3))
+def test_no_heading_or_base_is_cut_off(width: int) -> None:
+    pile = surveys.pile("round structure", base="triangulate", volume_m3=56.93)
+    shown = printed(surveys.measurement(pile), width=width)
+    for part in ("triangulate", "Coverage", "96.8 %", "structure"):
+        assert part in shown
+
+
 def test_markup_in_names_is_text() -> None:
     shown = printed(surveys.measurement(surveys.body("[red]x[/red] [/] :smile:")))
     assert "[red]x[/red] [/] :smile:" in shown

@@ -150,9 +150,11 @@ def print_grid(
     table = Table(box=SIMPLE_HEAD, pad_edge=False, header_style="bold")
     for place, heading in enumerate(headings):
         words = heading in LEFT
-        widest = max((t.cell_len for row in rows for t in row[place].split("\n")), default=0)
+        title = Text("\n").join([terminal_text(console, line) for line in heading.split("\n")])
+        cells = [title, *(row[place] for row in rows)]
+        widest = max(line.cell_len for cell in cells for line in cell.split("\n"))
         table.add_column(
-            Text("\n").join([terminal_text(console, line) for line in heading.split("\n")]),
+            title,
             justify="left" if words else "right",
             no_wrap=not words,
             overflow="fold",
