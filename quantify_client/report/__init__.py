@@ -16,11 +16,10 @@ from .document.scaling import (  # a module and a function of one name: not late
 
 if TYPE_CHECKING:
     from .document.measurement import to_json
-    from .scale_write import write_scale_page, write_scale_report
     from .terminal.control import control_document, print_control
     from .terminal.results import print_table
     from .terminal.scaling import print_scaling
-    from .write import require_writable, write_report
+    from .write import require_writable, write_report, write_scale_page, write_scale_report
 
 __all__ = [
     "control_document",
@@ -44,8 +43,8 @@ _MODULES = {
     "require_writable": "write",
     "to_json": "document.measurement",
     "write_report": "write",
-    "write_scale_page": "scale_write",
-    "write_scale_report": "scale_write",
+    "write_scale_page": "write",
+    "write_scale_report": "write",
 }
 
 

@@ -7,18 +7,18 @@ import json
 import os
 import re
 from pathlib import Path
-from typing import Dict, Iterator, List, Optional, Sequence, Union
+from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Union
 
 from ..errors import OutputError
-from ..files.writing import is_ours, put_in_place, require_replaceable, staging
-from ..types import AreaResult, Measurement
+from ..files.writing import is_ours, put_in_place, require_replaceable, scratch, staging
+from ..types import AreaResult, Measurement, Scaling
 from .document.geojson import to_geojson
 from .document.measurement import to_json
 from .document.slices_csv import write_slices
-from .wording.units import Units, display_units, ground_units
+from .wording.units import Units, display_units, ground_units, named_units
 from .wording.words import printable, slug
 
-__all__ = ["require_writable", "write_report"]
+__all__ = ["require_writable", "write_report", "write_scale_page", "write_scale_report"]
 
 OUR_PICTURES = re.compile(r"(area-\d{2,}-[a-z0-9-]+|overview|scale)(-\d+)?\.png")
 FILES = ("report.json", "slices.csv", "areas.geojson", "report.html")
@@ -41,9 +41,13 @@ def write_report(
     """
     shown = display_units(measurement, units)
     out = Path(out)
-    with _explaining(out), staging(out, make=True) as working:
+    about = measurement.provenance
+    inputs = [about.get("options", {}).get(name) for name in ("area", "gcp")]
+    inputs += [item.get("path") for item in about.get("input", ())]
+    files = [path for path in inputs if isinstance(path, str)]
+    with _folder_explained(out), staging(out, make=True) as working:
         names = _write_all(measurement, working, shown)
-        put_in_place(working, names, _inputs(measurement), outdated=OUR_PICTURES)
+        put_in_place(working, names, files, outdated=OUR_PICTURES)
     return [out / name for name in names]
 
 
@@ -56,54 +60,114 @@ def require_writable(out: Path, inputs: Sequence[Union[str, Path, None]] = ()) -
     """
 
     class EnoughError(Exception):
-        """Ends the staging as a failure does: folders that were made for it go away."""
+        """Ends the staging like a failure, so that new folders are removed."""
 
     out = Path(out)
-    with contextlib.suppress(EnoughError), _explaining(out), staging(out, make=True):
+    with contextlib.suppress(EnoughError), _folder_explained(out), staging(out, make=True):
         for name in FILES:
             require_replaceable(out / name, inputs)
         raise EnoughError
 
 
-def _inputs(measurement: Measurement) -> List[str]:
-    """Return what was measured, as far as it was files."""
-    about = measurement.provenance
-    given = [about.get("options", {}).get(name) for name in ("area", "gcp")]
-    given += [item.get("path") for item in about.get("input", ())]
-    return [path for path in given if isinstance(path, str)]
+def write_scale_report(
+    scaling: Scaling,
+    source: str,
+    provenance: Mapping[str, Any],
+    warnings: Sequence[str],
+    path: Path,
+    units: str = "metric",
+    *,
+    out: Optional[Union[str, Path]] = None,
+) -> None:
+    """Write one HTML file with its picture inside; an earlier one is replaced only when complete.
+
+    `units` of what people read is ``"metric"`` or ``"us"``; `out` is the scaled cloud that was
+    written. Raises OutputError when the file cannot be written, or would replace one that is no
+    earlier report.
+    """
+    with _explained(f"as {printable(path)}", "name"):
+        require_replaceable(path)
+        with staging(path.parent) as working:
+            page = working / path.name
+            write_scale_page(scaling, source, provenance, warnings, page, units, out=out)
+            put_in_place(working, [path.name])
+
+
+def write_scale_page(
+    scaling: Scaling,
+    source: str,
+    provenance: Mapping[str, Any],
+    warnings: Sequence[str],
+    path: Path,
+    units: str = "metric",
+    *,
+    out: Optional[Union[str, Path]] = None,
+) -> None:
+    """Write the same file into a working folder; OSError when it cannot be written."""
+    # Late: matplotlib is slow to load, and JSON needs none.
+    from .figures.control.figure import scale_plan
+    from .page.page import render_scale_html
+
+    shown = named_units(units)
+    with scratch() as folder:
+        picture = folder / "scale.png"
+        scale_plan(scaling, picture, shown)
+        page = render_scale_html(scaling, source, provenance, warnings, shown, picture, out)
+        with path.open("w", encoding="utf-8") as file:
+            file.writelines(page)
 
 
 @contextlib.contextmanager
-def _explaining(out: Path) -> Iterator[None]:
-    """Turn what the system says into what the user can do."""
+def _explained(where: str, other: str) -> Iterator[None]:
+    """Turn an error of the system into one that tells what to do."""
     try:
-        if out.exists() and not out.is_dir():
-            raise OutputError(f"{printable(out)} is a file, not a folder; give another --out.")
         yield
     except OutputError:
         raise
     except OSError as error:
         raise OutputError(
-            f"The report cannot be written into {printable(out)}: {error.strerror or error}; "
-            "what was there is unchanged. Make room or give another --out."
+            f"The report cannot be written {where}: {error.strerror or error}; "
+            f"what was there is unchanged. Make room or give another {other}."
         ) from error
 
 
+@contextlib.contextmanager
+def _folder_explained(out: Path) -> Iterator[None]:
+    with _explained(f"into {printable(out)}", "--out"):
+        if out.exists() and not out.is_dir():
+            raise OutputError(f"{printable(out)} is a file, not a folder; give another --out.")
+        yield
+
+
 def _write_all(measurement: Measurement, working: Path, units: Units) -> List[str]:
+    """Write all files into the working folder; return their names."""
     _write_json(working / "report.json", to_json(measurement))
     with (working / "slices.csv").open("w", encoding="utf-8", newline="") as file:
         write_slices(measurement, file)
     _write_json(working / "areas.geojson", to_geojson(measurement))
-    pictures = _draw_areas(measurement, working, units)
-    overview = _draw_overview(measurement, working, units)
-    scale = _draw_scale(measurement, working, units)
+    # Late: matplotlib is slow to load, and JSON needs none.
+    from .figures.control.figure import scale_plan
+    from .figures.pictures import area_picture, overview_picture
     from .page.page import render_html
 
+    pictures: Dict[int, Path] = {}
+    for index, result in enumerate(measurement.results):
+        if isinstance(result, AreaResult):
+            path = _free(working, f"area-{index + 1:02d}-{slug(result.name)}")
+            path.write_bytes(area_picture(result, measurement, units))
+            pictures[index] = path
+    overview = scale = None
+    png = overview_picture(measurement, units)
+    if png is not None:
+        overview = _free(working, "overview")
+        overview.write_bytes(png)
+    if measurement.scale is not None:
+        scale = _free(working, "scale")
+        scale_plan(measurement.scale, scale, ground_units(units))
     with (working / "report.html").open("w", encoding="utf-8") as file:
         file.writelines(render_html(measurement, units, pictures, overview, scale))
-    drawn = [path for path in (scale, overview) if path is not None] + list(pictures.values())
-    names = ["report.json", "slices.csv", "areas.geojson"]
-    return [*names, *(path.name for path in drawn), "report.html"]
+    drawn = [path.name for path in (scale, overview, *pictures.values()) if path is not None]
+    return ["report.json", "slices.csv", "areas.geojson", *drawn, "report.html"]
 
 
 def _write_json(path: Path, document: object) -> None:
@@ -111,43 +175,8 @@ def _write_json(path: Path, document: object) -> None:
     path.write_text(text + "\n", encoding="utf-8")
 
 
-def _draw_areas(measurement: Measurement, working: Path, units: Units) -> Dict[int, Path]:
-    from .figures.pictures import (
-        area_picture,  # late: matplotlib is slow to load, and JSON needs none
-    )
-
-    drawn = {}
-    for index, result in enumerate(measurement.results):
-        if isinstance(result, AreaResult):
-            path = _free(working, f"area-{index + 1:02d}-{slug(result.name)}")
-            path.write_bytes(area_picture(result, measurement, units))
-            drawn[index] = path
-    return drawn
-
-
-def _draw_overview(measurement: Measurement, working: Path, units: Units) -> Optional[Path]:
-    from .figures.pictures import overview_picture
-
-    png = overview_picture(measurement, units)
-    if png is None:
-        return None
-    path = _free(working, "overview")
-    path.write_bytes(png)
-    return path
-
-
-def _draw_scale(measurement: Measurement, working: Path, units: Units) -> Optional[Path]:
-    if measurement.scale is None:
-        return None
-    from .figures.control.figure import scale_plan
-
-    path = _free(working, "scale")
-    scale_plan(measurement.scale, path, ground_units(units))
-    return path
-
-
 def _free(working: Path, stem: str) -> Path:
-    """Return the path of a picture to be, under a name that no picture of somebody else has."""
+    """Return a path for a picture whose name is not taken by a file of others."""
     names = (f"{stem}{more}.png" for more in ("", *(f"-{number}" for number in range(2, 1000))))
     beside = working.parent
     free = (n for n in names if not os.path.lexists(beside / n) or is_ours(beside / n))

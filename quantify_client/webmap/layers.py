@@ -12,9 +12,9 @@ import shapely
 
 from ..crs import Frame, OnMap, on_map
 from ..errors import CrsError
-from ..report.figures.colours import DIVERGING
-from ..report.figures.terrain.contours import contour
+from ..report.figures import DIVERGING
 from ..types import AreaFailure, AreaResult, FloatArray, Measurement, Relief, Slice, Solid
+from .contours import contour
 from .png import Colour, indexed_png
 
 __all__ = ["map_layers"]

@@ -6,7 +6,7 @@ import subprocess
 
 import pytest
 
-from quantify_client.report.wording.kinds import in_units
+from quantify_client.report.wording.notices import in_units
 from quantify_client.report.wording.units import named_units
 
 from .conftest import PUBLIC, REPOSITORY

@@ -14,8 +14,8 @@ import pytest
 from quantify_client.report import to_json, write_report
 from quantify_client.report.document.geojson import to_geojson
 from quantify_client.report.document.slices_csv import write_slices
-from quantify_client.report.wording.body import floor_words, gap_words, left_out_words
 from quantify_client.report.wording.units import METRIC
+from quantify_client.report.wording.words import floor_words, gap_words, left_out_words
 from quantify_client.types import Floor, Gap
 
 from . import bodies, surveys

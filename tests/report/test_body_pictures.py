@@ -17,10 +17,14 @@ from matplotlib.path import Path as DrawnPath
 from PIL import Image
 
 from quantify_client.report.figures import pictures
-from quantify_client.report.figures.body.multiples import draw_sections
-from quantify_client.report.figures.body.outlines import chosen, even_odd, sections_of
-from quantify_client.report.figures.body.profile import draw_convergence, draw_heights
-from quantify_client.report.figures.body.stack import draw_stack
+from quantify_client.report.figures.body import (
+    draw_sections,
+    draw_stack,
+    even_odd,
+    evenly_spaced,
+    sections_of,
+)
+from quantify_client.report.figures.slices import draw_convergence, draw_heights
 from quantify_client.report.wording.units import METRIC, US
 from quantify_client.types import AreaResult
 
@@ -55,12 +59,12 @@ def test_sections_lie_at_their_heights_above_the_origin() -> None:
 
 def test_sections_are_chosen_evenly_over_the_height() -> None:
     ball = bodies.ball(slices=240)
-    some = chosen(sections_of(ball, solid_of(ball)), 12)
+    some = evenly_spaced(sections_of(ball, solid_of(ball)), 12)
     steps = np.diff([section.z for section in some])
     assert len(some) == 12
     assert steps == pytest.approx(2.0 / 12, abs=0.01)
     few = sections_of(bodies.ball(slices=5), solid_of(bodies.ball(slices=5)))
-    assert chosen(few, 12) == few
+    assert evenly_spaced(few, 12) == few
 
 
 def test_a_slice_without_outline_is_not_drawn() -> None:
@@ -106,7 +110,7 @@ def windings(path: DrawnPath) -> List[float]:
 
 def test_twelve_tori_are_drawn_to_one_scale_with_their_holes_open() -> None:
     torus, drawn = bodies.torus(), axes()
-    some = chosen(sections_of(torus, solid_of(torus)), 12)
+    some = evenly_spaced(sections_of(torus, solid_of(torus)), 12)
     draw_sections(drawn, some, METRIC)
     assert len(drawn.collections) == 12
     scales = []
@@ -119,7 +123,7 @@ def test_twelve_tori_are_drawn_to_one_scale_with_their_holes_open() -> None:
 
 def test_sections_are_labelled_from_the_highest_with_elevation_and_area() -> None:
     ball, drawn = bodies.ball(), axes()
-    some = chosen(sections_of(ball, solid_of(ball)), 12)
+    some = evenly_spaced(sections_of(ball, solid_of(ball)), 12)
     draw_sections(drawn, some, METRIC)
     shown = texts(drawn)
     assert shown[:3] == [
@@ -133,14 +137,14 @@ def test_sections_are_labelled_from_the_highest_with_elevation_and_area() -> Non
 
 def test_us_units_label_feet() -> None:
     ball, drawn = bodies.ball(), axes()
-    draw_sections(drawn, chosen(sections_of(ball, solid_of(ball)), 12), US)
+    draw_sections(drawn, evenly_spaced(sections_of(ball, solid_of(ball)), 12), US)
     assert any(re.fullmatch(r"1 088\.8\d* ft", text) for text in texts(drawn))
     assert not any(text.endswith(" m") for text in texts(drawn))
 
 
 def test_numbers_in_the_profile_stand_at_their_sections_heights() -> None:
     ball, drawn = bodies.ball(), axes()
-    some = chosen(sections_of(ball, solid_of(ball)), 12)
+    some = evenly_spaced(sections_of(ball, solid_of(ball)), 12)
     draw_heights(drawn, ball, some, METRIC)
     places = {text.get_text(): text.xy[1] for text in drawn.texts}
     assert places["1"] == pytest.approx(some[-1].slice.z_m)

@@ -17,7 +17,7 @@ from quantify_client.report.figures import pictures
 from quantify_client.report.figures.look import drawable, nice_step
 from quantify_client.report.figures.terrain import shading
 from quantify_client.report.figures.terrain.plan import contour_levels
-from quantify_client.report.figures.terrain.section import longest_direction, section_of
+from quantify_client.report.figures.terrain.section import longest_direction, sample, section_of
 from quantify_client.report.wording.units import display_units
 from quantify_client.types import Relief
 
@@ -147,6 +147,17 @@ def test_section_runs_through_the_peak_along_the_longest_extent() -> None:
     assert section.x[peak] == pytest.approx(surveys.EASTING + 20, abs=0.6)
     assert above[peak] == pytest.approx(6.0, abs=0.2)
     assert np.isnan(section.base_m[0])  # the base ends where the area does
+
+
+def test_a_line_is_sampled_between_known_cells_and_ends_where_the_cell_is_unknown() -> None:
+    pile = surveys.pile().relief
+    assert pile is not None
+    values = np.array([[1.0, 3.0, np.nan], [2.0, 4.0, np.nan]])
+    relief = dataclasses.replace(pile, min_x=surveys.EASTING, min_y=surveys.NORTHING, cell_m=2.0)
+    x = surveys.EASTING + np.array([2.0, 1.0, 3.9, 4.1, -0.1])
+    y = surveys.NORTHING + np.array([2.0, 1.5, 1.0, 1.0, 1.0])
+    expected = [2.5, 1.25, 3.0, np.nan, np.nan]
+    assert sample(values, relief, x, y) == pytest.approx(expected, abs=1e-9, nan_ok=True)
 
 
 def test_longest_direction_points_along_a_turned_rectangle() -> None:

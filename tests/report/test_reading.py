@@ -111,6 +111,26 @@ def test_every_width_shows_every_number(width: int) -> None:
     assert max(map(len, shown.splitlines())) <= max(width, 20)
 
 
+def test_numbers_are_not_broken_where_the_table_does_not_fit() -> None:
+    shown = printed(surveys.measurement(surveys.hollow()), width=40)
+    lines = [line.strip() for line in shown.splitlines()]
+    place = lines.index("elevation 329.50 m")
+    assert [line.split()[-1] for line in lines[place + 1 : place + 5]] == [
+        "-467.0",
+        "10.4",
+        "1.7",
+        "473.0",
+    ]
+
+
+@pytest.mark.parametrize("width", range(50, 110, 3))
+def test_no_heading_or_base_is_cut_off(width: int) -> None:
+    pile = surveys.pile("round structure", base="triangulate", volume_m3=56.93)
+    shown = printed(surveys.measurement(pile), width=width)
+    for part in ("triangulate", "Coverage", "96.8 %", "structure"):
+        assert part in shown
+
+
 def test_markup_in_names_is_text() -> None:
     shown = printed(surveys.measurement(surveys.body("[red]x[/red] [/] :smile:")))
     assert "[red]x[/red] [/] :smile:" in shown

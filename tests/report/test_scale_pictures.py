@@ -13,8 +13,8 @@ from PIL import Image
 
 from quantify_client.report import write_report
 from quantify_client.report.figures.control.figure import scale_plan, scale_png
-from quantify_client.report.figures.control.map import residual_colours
-from quantify_client.report.figures.control.site import site_of
+from quantify_client.report.figures.control.plan import control_plan
+from quantify_client.report.figures.look import RESIDUALS
 from quantify_client.report.wording.units import METRIC, US
 from quantify_client.types import Scaling
 
@@ -99,13 +99,13 @@ def test_only_what_was_left_out_is_red() -> None:
 
 
 def test_arrows_are_exaggerated_by_a_round_factor_and_stay_in_the_view() -> None:
-    site = site_of(scalings.everything(), METRIC)
-    assert site is not None
-    for arrows in (site.cloud, site.gps):
+    plan = control_plan(scalings.everything(), METRIC)
+    assert plan is not None
+    for arrows in (plan.cloud, plan.gps):
         assert arrows is not None
         assert f"{arrows.factor:.0e}"[0] in "125"
         assert arrows.drawn == pytest.approx(arrows.residual * arrows.factor, abs=1e-12)
-        west, east, south, north = site.view(1.2)
+        west, east, south, north = plan.view(1.2)
         tips = arrows.start + arrows.drawn
         assert (tips > (west, south)).all()
         assert (tips < (east, north)).all()
@@ -113,35 +113,35 @@ def test_arrows_are_exaggerated_by_a_round_factor_and_stay_in_the_view() -> None
 
 def test_a_residual_is_an_arrow_of_its_own_point() -> None:
     scaling = scalings.everything()
-    site = site_of(scaling, METRIC)
-    assert site is not None
-    assert site.gps is not None
-    assert len(site.gps.start) == 7  # of nine points seven have positions
+    plan = control_plan(scaling, METRIC)
+    assert plan is not None
+    assert plan.gps is not None
+    assert len(plan.gps.start) == 7  # of nine points seven have positions
     point = scaling.points[0]
-    assert site.gps.start[0] == pytest.approx((point.east, point.north))
-    assert site.gps.residual[0] == pytest.approx(point.gps_residual)
+    assert plan.gps.start[0] == pytest.approx((point.east, point.north))
+    assert plan.gps.residual[0] == pytest.approx(point.gps_residual)
 
 
 def test_positions_100_times_worse_are_told_and_not_drawn() -> None:
-    site = site_of(scalings.everything(gps=6.0), METRIC)
-    assert site is not None
-    assert site.gps is None
-    assert site.hidden_gps > 1.0
+    plan = control_plan(scalings.everything(gps=6.0), METRIC)
+    assert plan is not None
+    assert plan.gps is None
+    assert plan.hidden_gps > 1.0
 
 
 def test_view_keeps_the_aspect_and_holds_all_points() -> None:
     for scaling in (scalings.in_a_line(2), scalings.crowd(), at_one_place()):
-        site = site_of(scaling, US)
-        assert site is not None
+        plan = control_plan(scaling, US)
+        assert plan is not None
         for aspect in (0.7, 1.0, 1.6):
-            west, east, south, north = site.view(aspect)
+            west, east, south, north = plan.view(aspect)
             assert (east - west) / (north - south) == pytest.approx(aspect, rel=1e-9)
-            assert (site.at > (west, south)).all()
-            assert (site.at < (east, north)).all()
+            assert (plan.at > (west, south)).all()
+            assert (plan.at < (east, north)).all()
 
 
 def test_too_short_is_blue_and_too_long_is_brown() -> None:
-    short, fits, long = (residual_colours()(v)[:3] for v in (0.1, 0.5, 0.9))
+    short, fits, long = (RESIDUALS(v)[:3] for v in (0.1, 0.5, 0.9))
     assert short[2] - short[0] > 0.3
     assert long[0] - long[2] > 0.3
     assert max(fits) - min(fits) < 0.05

@@ -13,17 +13,17 @@ from rich.console import Console
 
 from quantify_client.errors import InputError, OutputError
 from quantify_client.report import print_scaling, write_scale_report
-from quantify_client.report.page import scale_page
-from quantify_client.report.page.markup import details
+from quantify_client.report.page import page as page_module
+from quantify_client.report.page.markup import Markup, details, join, tag
 from quantify_client.report.page.page import render_html
 from quantify_client.report.page.scaling import scale_section
-from quantify_client.report.wording.observations import rows_of, worst
 from quantify_client.report.wording.scaling import (
-    contradicted,
     error_words,
     factor_words,
     mode_words,
+    observations_of,
     percent,
+    worst,
 )
 from quantify_client.report.wording.units import METRIC, THIN_SPACE, US
 from quantify_client.types import DirectHeight, Scaling
@@ -68,7 +68,7 @@ def test_shares_are_whole_percent_unless_small(share: float, words: str) -> None
 
 
 def test_a_position_is_one_row_and_the_worst_comes_first() -> None:
-    rows = rows_of(scalings.everything())
+    rows = observations_of(scalings.everything())
     kinds = [row.kind for row in rows]
     assert kinds == sorted(kinds, key=["distance", "scale_bar", "gps", "elevation", "cloud"].index)
     assert {len(row.parts) for row in rows if row.kind == "gps"} == {2}
@@ -83,14 +83,14 @@ def test_a_position_is_one_row_and_the_worst_comes_first() -> None:
 
 def test_a_length_taped_twice_is_two_rows() -> None:
     tapes = [scalings.observation("distance", "AB", r, 0.005) for r in (0.001, -0.02)]
-    rows = rows_of(scalings.scaling(observations=tapes))
+    rows = observations_of(scalings.scaling(observations=tapes))
     assert [row.in_sigmas for row in rows] == pytest.approx([-4.0, 0.2], abs=1e-12)
     assert [row.grade for row in rows] == ["bad", "good"]
 
 
 def test_a_sigma_of_zero_gives_no_grade() -> None:
     tape = scalings.observation("distance", "AB", 0.1, 0.0)
-    (row,) = rows_of(scalings.scaling(observations=(tape,)))
+    (row,) = observations_of(scalings.scaling(observations=(tape,)))
     assert (row.in_sigmas, row.grade) == (None, "open")
 
 
@@ -119,7 +119,6 @@ def test_that_nothing_contradicts_is_no_conflict() -> None:
     html = scale_section(scalings.crowd(), METRIC, None)
     assert "Nothing contradicts the rest" in html
     assert 'class="conflict"' not in html
-    assert not contradicted(scalings.least())
 
 
 def test_many_remarks_on_heights_are_counted() -> None:
@@ -149,7 +148,7 @@ def test_colour_is_never_alone() -> None:
 
 def test_at_most_40_rows_and_the_worst_are_among_them() -> None:
     scaling = scalings.crowd()
-    rows = rows_of(scaling)
+    rows = observations_of(scaling)
     shown = printed(scaling)
     assert len(rows) == 299
     assert "These are the worst 40; 259 more are in the report." in shown
@@ -273,6 +272,16 @@ def test_long_tables_are_folded_and_short_ones_are_not() -> None:
     assert details("a", "b") == "<details><summary>a</summary>b</details>"
 
 
+def test_only_markup_is_not_escaped() -> None:
+    line = Markup("<br>")
+    assert join("<b>", line) == "&lt;b&gt;<br>"
+    assert join(f"{line}", line + "x") == "&lt;br&gt;&lt;br&gt;x"
+    assert tag("p", tag("b", "&"), id='"><x', open=False) == (
+        '<p id="&quot;&gt;&lt;x"><b>&amp;</b></p>'
+    )
+    assert tag("i", id=Markup('"')) == '<i id="&quot;"></i>'
+
+
 def test_report_of_volumes_has_the_card_before_the_results(tmp_path: Path) -> None:
     picture = tmp_path / "scale.png"
     picture.write_bytes(b"png")
@@ -303,7 +312,7 @@ def test_a_failure_leaves_the_earlier_page(tmp_path: Path, monkeypatch: pytest.M
     def disk_full(*_args: Any, **_kwargs: Any) -> Any:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(scale_page, "render_scale_html", disk_full)
+    monkeypatch.setattr(page_module, "render_scale_html", disk_full)
     with pytest.raises(OutputError, match="No space left on device") as caught:
         write(scalings.least(), tmp_path)
     assert "\n" not in str(caught.value)

@@ -1,28 +1,31 @@
-"""The report as one page that needs nothing else: no network, no other file.
+"""The reports as pages that need nothing else: no network, no other file.
 
 A script only where a body can be turned, and the page's policy lets no other run.
 """
 
 from __future__ import annotations
 
+import html
+import json
 import string
 from importlib import resources
 from pathlib import Path
 from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple, Union
 
-from ...types import AreaFailure, AreaResult, Measurement
+from ...types import AreaFailure, AreaResult, Measurement, Scaling
 from ..document.plain import plain
-from ..wording.kinds import in_units, kind_of, lines_of_kinds, said_of_results
+from ..wording.notices import in_units, kind_of, lines_of_kinds, warnings_of_results
 from ..wording.scaling import factor_words
 from ..wording.units import NOTHING, Units
-from ..wording.words import coordinate_rows, crs_words, json_words, volume_word
-from .markup import facts, figure, note, table, text
+from ..wording.words import coordinate_rows, crs_words, printable, volume_word, volumes
+from .markup import Markup, facts, figure, join, note, table, tag
 from .result import result_body
 from .scaling import scale_section
 
-__all__ = ["page_header", "page_top", "provenance_card", "render_html"]
+__all__ = ["render_html", "render_scale_html"]
 
 Result = Union[AreaResult, AreaFailure]
+END = "</body>\n</html>\n"
 
 
 def render_html(
@@ -32,50 +35,89 @@ def render_html(
     overview: Optional[Path] = None,
     scale_picture: Optional[Path] = None,
 ) -> Iterator[str]:
-    """Yield the page in pieces, so that the pictures of many areas are not all in memory.
+    """Yield the page of a measurement in pieces, which saves memory where areas are many.
 
     `pictures` has the PNG (a file, or what is in one) of each result that has one, by its index.
     """
     views = sum(isinstance(r, AreaResult) and r.solid is not None for r in measurement.results)
-    yield page_top(f"Volumes: {measurement.source}", views)
-    yield _header(measurement, units)
-    if measurement.scale is not None:
-        yield scale_section(measurement.scale, units, scale_picture)
-    shared, own = _said(measurement, units)
+    scale = measurement.scale
+    of_scale = () if scale is None else scale.warnings  # shown in the card of the scale
+    warnings = [in_units(w, units) for w in measurement.warnings if w not in of_scale]
+    yield _top(f"Volumes: {measurement.source}", views)
+    yield _header("Volume report", measurement.source, _chips(measurement, units), warnings)
+    if scale is not None:
+        yield scale_section(scale, units, scale_picture)
+    shared, own = _warnings(measurement, units)
     if len(measurement.results) > 1:
-        yield from _summary(measurement, units, overview, shared)
+        yield _summary(measurement, units, overview, shared, bodies=views > 0)
     for index, result in enumerate(measurement.results):
-        view = ""
-        if isinstance(result, AreaResult) and result.solid is not None:
+        if isinstance(result, AreaFailure):
+            reason = join("Not measured: ", in_units(result.error, units))
+            yield _card(index, result, tag("p", reason), kind="card failed")
+            continue
+        view = Markup()
+        if result.solid is not None:
             from .view import view_markup  # late: it draws, and most pages have nothing to turn
 
             view = view_markup(result, units, north=bool(measurement.crs), views=views)
-        said = own.get(result.name, [])
-        yield from _card(index, result, units, pictures.get(index), view, said)
-    yield provenance_card(measurement.provenance, measurement.crs)
+        above, below = result_body(result, units, own.get(result.name, []))
+        words = f"{volume_word(result)} of {result.name}: views"
+        yield _card(index, result, above, figure(pictures.get(index), words), view, below)
+    yield _provenance(measurement.provenance, measurement.crs)
     if views:
         from .view import script
 
         yield f"<script>{script()}</script>\n"
-    yield "</body>\n</html>\n"
+    yield END
 
 
-def _said(measurement: Measurement, units: Units) -> Tuple[List[str], Dict[str, List[str]]]:
+def render_scale_html(
+    scaling: Scaling,
+    source: str,
+    provenance: Mapping[str, Any],
+    warnings: Sequence[str],
+    units: Units,
+    picture: Optional[Path],
+    out: Union[str, Path, None] = None,
+) -> Iterator[str]:
+    """Yield the page of a scaling alone, in pieces.
+
+    `picture` is a PNG file; `out` is the scaled cloud that was written.
+    """
+    chips = [
+        ("CRS", crs_words(scaling.target_crs)),
+        ("Units", units.length),
+        ("Mode", scaling.mode),
+    ]
+    if out is not None:
+        chips.append(("Scaled cloud", str(out)))
+    # Those of the scaling itself are in its card.
+    others = [warning for warning in warnings if warning not in scaling.warnings]
+    yield _top(f"Scale: {source}")
+    yield _header("Scale report", source, chips, others)
+    yield scale_section(scaling, units, picture)
+    yield _provenance(provenance, scaling.target_crs)
+    yield END
+
+
+def _warnings(measurement: Measurement, units: Units) -> Tuple[List[str], Dict[str, List[str]]]:
     """Return one line for each kind of warning of several areas, and the others of each area."""
-    said = said_of_results(measurement, units)
+    every = warnings_of_results(measurement, units)
     areas: Dict[str, Set[str]] = {}
-    for name, sentence in said:
+    for name, sentence in every:
         areas.setdefault(kind_of(sentence), set()).add(name)
-    shared = [row for row in said if len(areas[kind_of(row[1])]) > 1]
+    shared: List[Tuple[str, str]] = []
     own: Dict[str, List[str]] = {}
-    for name, sentence in said:
-        if len(areas[kind_of(sentence)]) == 1:
+    for name, sentence in every:
+        if len(areas[kind_of(sentence)]) > 1:
+            shared.append((name, sentence))
+        else:
             own.setdefault(name, []).append(sentence)
     return lines_of_kinds(shared, named=True), own
 
 
-def page_top(title: str, views: int = 0) -> str:
-    """Return all up to the page's body; the script's policy only where a body can be turned."""
+def _top(title: str, views: int = 0) -> str:
+    """Return everything before the contents; scripts are allowed only for views of bodies."""
     folder = resources.files(__package__)
     template = string.Template((folder / "report.html").read_text("utf-8"))
     style = (folder / "report.css").read_text("utf-8")
@@ -85,112 +127,78 @@ def page_top(title: str, views: int = 0) -> str:
 
         style += (folder / "view.css").read_text("utf-8")
         scripts = f"; script-src {script_policy()}"
-    return template.substitute(title=text(title), style=style, scripts=scripts)
+    return template.substitute(title=html.escape(printable(title)), style=style, scripts=scripts)
 
 
-def page_header(
+def _header(
     kicker: str, title: str, chips: Sequence[Tuple[str, str]], warnings: Sequence[str]
 ) -> str:
-    """Return a page's heading; `chips` are names and markup values."""
-    items = "".join(f"<li><span>{name}</span><b>{value}</b></li>" for name, value in chips)
-    return (
-        f'<header><p class="kicker">{text(kicker)}</p>'
-        f'<h1>{text(title)}</h1><ul class="chips">{items}</ul></header>'
-        f"{note(warnings)}\n"
-    )
+    """Return a page's heading; `chips` are names and values."""
+    items = [tag("li", tag("span", name), tag("b", value)) for name, value in chips]
+    heading = tag("p", kicker, class_="kicker"), tag("h1", title)
+    return join(tag("header", *heading, tag("ul", *items, class_="chips")), note(warnings)) + "\n"
 
 
-def _header(measurement: Measurement, units: Units) -> str:
-    factor, scale = measurement.grid_scale_factor, measurement.scale
+def _chips(measurement: Measurement, units: Units) -> List[Tuple[str, str]]:
+    factor = measurement.grid_scale_factor
     chips = [
-        ("CRS", text(crs_words(measurement.crs))),
-        ("Units", f"{text(units.length)}, {text(units.area)}, {text(units.volume)}"),
-        ("Shape", text(measurement.shape)),
-        ("Method", text(measurement.method)),
+        ("CRS", crs_words(measurement.crs)),
+        ("Units", f"{units.length}, {units.area}, {units.volume}"),
+        ("Shape", measurement.shape),
+        ("Method", measurement.method),
         ("Grid scale factor", "not applied" if factor is None else f"{factor:.6f}"),
     ]
-    if scale is not None:
-        chips.append(("Scaled by", text(factor_words(scale))))
-    told = [] if scale is None else list(scale.warnings)  # in the card of the scale
-    warnings = [in_units(w, units) for w in measurement.warnings if w not in told]
-    return page_header("Volume report", measurement.source, chips, warnings)
+    if measurement.scale is not None:
+        chips.append(("Scaled by", factor_words(measurement.scale)))
+    return chips
 
 
 def _summary(
-    measurement: Measurement, units: Units, overview: Optional[Path], shared: Sequence[str]
-) -> Iterator[str]:
-    """Yield the table of all areas, each a link to its own part, and what several share."""
-    unit = text(units.volume)
-    if any(isinstance(r, AreaResult) and r.solid is not None for r in measurement.results):
-        rows = [_body_row(i, result, units) for i, result in enumerate(measurement.results)]
-        head = ["Body", f"Volume, {unit}", f"\u00b1 95 %, {unit}", "Height", "Surface area"]
-        listed = table(head, rows) + note(shared)
-        yield f'<section class="card"><h2>All bodies</h2>{listed}</section>\n'
-        return
-    rows = [_summary_row(i, result, units) for i, result in enumerate(measurement.results)]
-    head = ["Area", f"Net, {unit}", f"\u00b1 95 %, {unit}", f"Cut, {unit}", f"Fill, {unit}"]
-    if all(isinstance(r, AreaFailure) or r.cut_m3 is None for r in measurement.results):
-        head[1] = f"Volume, {unit}"
-    yield f'<section class="card"><h2>All areas</h2>{table(head, rows)}{note(shared)}'
-    if overview is not None:
-        yield from figure(overview, "Plan of all areas")
-    yield "</section>\n"
-
-
-def _summary_row(index: int, result: Result, units: Units) -> List[str]:
-    link = f'<a href="#area-{index + 1}">{text(result.name)}</a>'
-    if isinstance(result, AreaFailure):
-        failed = '<span class="error">not measured</span>'
-        return [link, failed, NOTHING, NOTHING, NOTHING]
-    return [
-        link,
-        units.volume_number(result.volume_m3, result.std_m3),
-        units.half_width(result.std_m3),
-        units.volume_number(result.cut_m3, result.cut_std_m3),
-        units.volume_number(result.fill_m3, result.fill_std_m3),
-    ]
-
-
-def _body_row(index: int, result: Result, units: Units) -> List[str]:
-    row = _summary_row(index, result, units)[:3]
-    if isinstance(result, AreaFailure):
-        return [*row, NOTHING, NOTHING]
-    surface = units.area_text(result.surface_area_m2)
-    return [*row, units.length_text(result.max_height_m), surface]
-
-
-def _card(
-    index: int,
-    result: Result,
+    measurement: Measurement,
     units: Units,
-    picture: Optional[Union[Path, bytes]],
-    view: str,
-    warnings: Sequence[str],
-) -> Iterator[str]:
-    failed = isinstance(result, AreaFailure)
-    yield f'<article class="card{" failed" if failed else ""}" id="area-{index + 1}">'
-    yield f"<h2>{text(result.name)}</h2>"
-    if isinstance(result, AreaFailure):
-        yield f"<p>Not measured: {text(in_units(result.error, units))}</p>"
-    else:
-        top, rest = result_body(result, units, warnings)
-        yield top
-        if picture is not None:
-            yield from figure(picture, f"{volume_word(result)} of {result.name}: views")
-        yield view
-        yield rest
-    yield "</article>\n"
+    overview: Optional[Path],
+    shared: Sequence[str],
+    *,
+    bodies: bool,
+) -> str:
+    """Return the table of all areas, with links to them, and warnings of several areas."""
+    unit = units.volume
+    title, head = "All areas", ["Area", "Net", f"Cut, {unit}", f"Fill, {unit}"]
+    if bodies:
+        title, head = "All bodies", ["Body", "Volume", "Height", "Surface area"]
+    elif all(isinstance(r, AreaFailure) or r.cut_m3 is None for r in measurement.results):
+        head[1] = "Volume"
+    head[1:2] = [f"{head[1]}, {unit}", f"\u00b1 95 %, {unit}"]
+    rows: List[List[str]] = []
+    for index, result in enumerate(measurement.results):
+        link = tag("a", result.name, href=f"#area-{index + 1}")
+        if isinstance(result, AreaFailure):
+            cells = [tag("span", "not measured", class_="error"), *[NOTHING] * 3]
+        else:
+            cells = volumes(result, units)
+            if bodies:
+                height = units.length_text(result.max_height_m)
+                cells[2:] = [height, units.area_text(result.surface_area_m2)]
+        rows.append([link, *cells])
+    drawn = Markup() if bodies else figure(overview, "Plan of all areas")
+    parts = (tag("h2", title), table(head, rows), note(shared), drawn)
+    return tag("section", *parts, class_="card") + "\n"
 
 
-def provenance_card(provenance: Mapping[str, Any], crs: Optional[str]) -> str:
+def _card(index: int, result: Result, *parts: Markup, kind: str = "card") -> str:
+    title = tag("h2", result.name)
+    return tag("article", title, *parts, class_=kind, id=f"area-{index + 1}") + "\n"
+
+
+def _provenance(provenance: Mapping[str, Any], crs: Optional[str]) -> str:
     """Return where the numbers come from, as in the JSON document."""
-    rows = [
-        (key, f"<code>{text(json_words(value))}</code>")
-        for key, value in plain(provenance).items()
-        if key != "coordinates"
-    ]
+    rows: List[Tuple[str, object]] = []
+    for key, value in plain(provenance).items():
+        if key != "coordinates":
+            told = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+            rows.append((key, tag("code", told)))
     of_parts = coordinate_rows(provenance)
     if crs and "CRS" not in dict(of_parts):
-        rows.append(("CRS", f"<code>{text(crs)}</code>"))
-    rows += [(part, text(said)) for part, said in of_parts]
-    return f'<footer class="card"><h3>Provenance</h3>{facts(rows)}</footer>\n'
+        rows.append(("CRS", tag("code", crs)))
+    title = tag("h3", "Provenance")
+    return tag("footer", title, facts([*rows, *of_parts]), class_="card") + "\n"

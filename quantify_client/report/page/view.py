@@ -1,4 +1,4 @@
-"""The view of a body that a reader turns on the page: its data, and the page's script for it."""
+"""The view of a body that can be turned on the page: its elements and its data."""
 
 from __future__ import annotations
 
@@ -11,12 +11,11 @@ from typing import Any, Dict, Iterable, List, Sequence
 import numpy as np
 
 from ...types import AreaResult, FloatArray, Solid
-from ..figures.body.outlines import Section, chosen, sections_of
+from ..figures.body import Section, evenly_spaced, sections_of
 from ..figures.look import nice_step
-from ..wording.body import gap_width
 from ..wording.units import Units, count
-from ..wording.words import is_terrain
-from .markup import text
+from ..wording.words import gap_width, is_terrain
+from .markup import Markup, join, tag
 
 __all__ = ["script", "script_policy", "view_markup"]
 
@@ -27,17 +26,19 @@ MOST_CORNERS = 30_000  # of all outlines together
 MOST_GAPS = 60
 LARGEST = 32767  # of int16
 GRID_CELLS = 6  # along the longer side of a body, at least
+# Views from fixed places: azimuth and elevation in degrees.
+TURNS = {"From above": "0,90", "Front": "0,0", "Side": "90,0", "First view": ""}
 LAYERS = (
     ("points", "Points of the body"),
     ("outlines", "Sections"),
     ("gaps", "Closed gaps"),
     ("ground", "Ground points"),
-    ("strays", "Stray points"),
+    ("strays", "Outliers"),
 )
 
 
 def script() -> str:
-    """Return what runs on the page, once for all views."""
+    """Return the script of the page, one for all views."""
     return (resources.files(__package__) / "view.js").read_text("utf-8")
 
 
@@ -47,84 +48,75 @@ def script_policy() -> str:
     return f"'sha256-{base64.b64encode(digest).decode('ascii')}'"
 
 
-def view_markup(result: AreaResult, units: Units, *, north: bool, views: int = 1) -> str:
+def view_markup(result: AreaResult, units: Units, *, north: bool, views: int = 1) -> Markup:
     """Return the canvas, its legend and its data; shown only where the script runs.
 
     `north`: y points north, so that the view may say so. `views` of the page share the points.
     """
     solid = result.solid
     if solid is None or is_terrain(result):
-        return ""
-    sections = chosen(sections_of(result, solid), MOST_SECTIONS)
+        return Markup()
+    sections = evenly_spaced(sections_of(result, solid), MOST_SECTIONS)
     data = _view_data(result, solid, sections, units, min(1.0, AT_FULL / views))
     if data is None:
-        return ""
-    data["north"] = north
-    words = _alternative(result, solid, sections, units)
-    return (
-        f'<noscript><p class="muted">A view that can be turned needs JavaScript; the picture shows '
-        f"the same sections.</p></noscript>"
-        f'<section class="view" hidden><h3>Turn the body</h3>'
-        f'<canvas tabindex="0" role="img" aria-label="{text(words)}">{text(words)}</canvas>'
-        f'<div class="bar-of-view">{_legend(data, result, solid, len(sections))}{_buttons()}</div>'
-        f'<p class="hint">Drag or arrow keys turn, wheel or + and \u2212 zoom, Shift and drag '
-        f"move; double click or 0 brings back the first view. Grid {text(data['gridText'])}.</p>"
-        f'<script type="application/json">{_harmless_json(data)}</script></section>'
-    )
-
-
-def _harmless_json(data: Dict[str, Any]) -> str:
-    """Return JSON that nothing in it can end: no letter of it starts a tag."""
-    written = json.dumps(data, separators=(",", ":"), allow_nan=False)
-    return written.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
-
-
-def _alternative(
-    result: AreaResult, solid: Solid, sections: Sequence[Section], units: Units
-) -> str:
-    return (
+        return Markup()
+    written = json.dumps({**data, "north": north}, separators=(",", ":"), allow_nan=False)
+    # Nothing in the data can end it: no letter of it starts a tag.
+    written = written.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
+    words = (
         f"{result.name} in three dimensions: {len(sections)} of its section outlines between "
         f"elevation {units.length_text(result.min_z_m)} and {units.length_text(result.max_z_m)}, "
         f"points of its surface, closed gaps: {len(solid.gaps)}. "
         "The same sections are in the picture, the numbers in the tables."
     )
+    hint = (
+        "Drag or arrow keys turn, wheel or + and \u2212 zoom, Shift and drag move; double click or "
+        f"0 brings back the first view. Grid {data['gridText']}."
+    )
+    without = "A view that can be turned needs JavaScript; the picture shows the same sections."
+    buttons = [
+        Markup(f'<button type="button" data-turn="{to}">{name}</button>')
+        for name, to in TURNS.items()
+    ]
+    legend = _legend(data, result, solid, len(sections))
+    view = tag(
+        "section",
+        tag("h3", "Turn the body"),
+        tag("canvas", words, tabindex="0", role="img", aria_label=words),
+        tag("div", legend, tag("div", *buttons, class_="turns"), class_="bar-of-view"),
+        tag("p", hint, class_="hint"),
+        tag("script", Markup(written), type="application/json"),
+        class_="view",
+        hidden=True,
+    )
+    return join(tag("noscript", tag("p", without, class_="muted")), view)
 
 
-def _legend(data: Dict[str, Any], result: AreaResult, solid: Solid, sections: int) -> str:
+def _legend(data: Dict[str, Any], result: AreaResult, solid: Solid, sections: int) -> Markup:
     """Return a check box for each kind that the view has."""
-    ground = solid.floor.points if solid.floor else 0
-    of = {
+    shown = {key: layer["count"] for key, layer in data["layers"].items()}
+    shown.update(outlines=sections, gaps=len(data["gaps"]))
+    totals = {
         "points": result.points_used,
-        "ground": ground,
+        "ground": solid.floor.points if solid.floor else 0,
         "outlines": len(result.slices),
         "gaps": len(solid.gaps),
     }
     boxes = []
     for key, words in LAYERS:
-        shown = {"outlines": sections, "gaps": len(data["gaps"])}.get(key)
-        shown = data["layers"].get(key, {}).get("count", 0) if shown is None else shown
-        if shown:
-            total = of.get(key, shown)
-            how = f"{count(shown)} of {count(total)}" if total > shown else count(shown)
-            boxes.append(
-                f'<label><input type="checkbox" data-layer="{key}" checked>'
-                f'<i class="dot {key}"></i>{words} <small>{how}</small></label>'
-            )
-    return f'<div class="legend" role="group" aria-label="What is shown">{"".join(boxes)}</div>'
-
-
-def _buttons() -> str:
-    """Return views from fixed places: azimuth and elevation in degrees."""
-    places = (("From above", "0,90"), ("Front", "0,0"), ("Side", "90,0"), ("First view", ""))
-    return '<div class="turns">{}</div>'.format(
-        "".join(f'<button type="button" data-turn="{to}">{name}</button>' for name, to in places)
-    )
+        number, total = shown.get(key, 0), totals.get(key, 0)
+        if number:
+            how = f"{count(number)} of {count(total)}" if total > number else count(number)
+            box = Markup(f'<input type="checkbox" data-layer="{key}" checked>')
+            dot = tag("i", class_=f"dot {key}")
+            boxes.append(tag("label", box, dot, words, " ", tag("small", how)))
+    return tag("div", *boxes, class_="legend", role="group", aria_label="What is shown")
 
 
 def _view_data(
     result: AreaResult, solid: Solid, sections: Sequence[Section], units: Units, share: float
 ) -> Any:
-    """Return all that the script draws, or None when there is nothing."""
+    """Return the data that the script draws, or None when there is nothing."""
     points = {
         key: _some(getattr(solid, key), int(most * share)) for key, most in MOST_POINTS.items()
     }
@@ -144,7 +136,11 @@ def _view_data(
             key: {"count": len(xyz), **_packed(xyz)} for key, xyz in points.items() if len(xyz)
         },
         "outlines": _outlines(sections, share),
-        "gaps": [_gap(gap, units) for gap in solid.gaps[:MOST_GAPS]],
+        # x, y, z, width and what is written at the gap
+        "gaps": [
+            [*_rounded((gap.x, gap.y, gap.z, gap.width)), gap_width(gap, units)]
+            for gap in solid.gaps[:MOST_GAPS]
+        ],
         "grid": shown_step / units.length_per_m,
         "gridText": f"{shown_step:g} {units.length}",
         "tall": _rounded([z - solid.origin[2] for z in (result.min_z_m, result.max_z_m)]),
@@ -152,18 +148,13 @@ def _view_data(
     }
 
 
-def _gap(gap: Any, units: Units) -> List[Any]:
-    """Return x, y, z, width and what is written at the gap."""
-    return [*_rounded((gap.x, gap.y, gap.z, gap.width)), gap_width(gap, units)]
-
-
 def _rounded(values: Iterable[float]) -> List[float]:
-    """Return seven digits: more than a picture can show."""
+    """Return numbers rounded to seven digits, more than a picture can show."""
     return [float(f"{value:.7g}") for value in values]
 
 
 def _some(points: Any, at_most: int) -> FloatArray:
-    """Return some of the points, the same ones each time."""
+    """Return at most so many of the points, the same ones each time."""
     known: FloatArray = np.asarray(points, dtype=np.float64).reshape(-1, 3)
     rows = np.flatnonzero(np.isfinite(known).all(axis=1))
     if len(rows) > at_most:

@@ -1,9 +1,9 @@
-"""What a control file can give, for people and for programs."""
+"""What a control file holds and allows, for people and for programs."""
 
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, Dict
+from typing import Any, Dict, Sequence
 
 from rich.console import Console
 from rich.table import Table
@@ -25,7 +25,7 @@ def control_document(account: ControlAccount) -> Dict[str, Any]:
 
 
 def print_control(account: ControlAccount, console: Console, *, units: str = "metric") -> None:
-    """Print what is there, what it can give and what it cannot, and the solved elevations."""
+    """Print what the file holds, what can and cannot be computed, and the solved elevations."""
     counts = [
         (account.points, "points"),
         (account.placed, "with a position"),
@@ -36,25 +36,20 @@ def print_control(account: ControlAccount, console: Console, *, units: str = "me
         (account.scale_bars, "scale bars"),
         (account.checks, "of the lengths as checks"),
     ]
-    _say(console, f"{account.source} ({account.crs or 'no positions'})")
-    for count, noun in counts:
-        if count:
-            _say(console, f"{count:>6}  {noun}")
-    for line in account.can:
-        _say(console, f"   can  {line}")
-    for line in account.cannot:
-        _say(console, f"cannot  {line}")
+    lines = [f"{account.source} ({account.crs or 'no positions'})"]
+    lines += [f"{number:>6}  {noun}" for number, noun in counts if number]
+    lines += [f"   can  {line}" for line in account.can]
+    lines += [f"cannot  {line}" for line in account.cannot]
+    _print(console, lines)
     if account.solved:
         console.print(_table(account, units))
-    for pair in account.direct:
-        if pair.note:
-            _say(console, f"Note: {pair.note}")
-    for warning in account.warnings:
-        _say(console, f"Warning: {warning}")
+    lines = [f"Note: {pair.note}" for pair in account.direct if pair.note]
+    lines += [f"Warning: {warning}" for warning in account.warnings]
     if account.left_out:
-        _say(console, f"Left out of the file: {', '.join(account.left_out)}")
+        lines.append(f"Left out of the file: {', '.join(account.left_out)}")
     if account.out is not None:
-        _say(console, f"Written: {account.out}")
+        lines.append(f"Written: {account.out}")
+    _print(console, lines)
 
 
 def _table(account: ControlAccount, units: str) -> Table:
@@ -73,5 +68,6 @@ def _table(account: ControlAccount, units: str) -> Table:
     return table
 
 
-def _say(console: Console, text: str) -> None:
-    console.print(printable(text), markup=False, highlight=False, soft_wrap=True)
+def _print(console: Console, lines: Sequence[str]) -> None:
+    for line in lines:
+        console.print(printable(line), markup=False, highlight=False, soft_wrap=True)

@@ -24,6 +24,7 @@ __all__ = [
     "ground_units",
     "named_units",
     "number",
+    "plus_minus",
 ]
 
 INTERVAL95 = 1.96  # half width of a 95 % interval, in standard deviations
@@ -39,7 +40,7 @@ SHORT_TON_T = 0.90718474
 
 
 def number(value: Optional[float], *, std: Optional[float] = None, digits: int = 4) -> str:
-    """Write a number with the digits that its error supports.
+    """Return a number with the digits that its error supports.
 
     Two significant digits of the standard deviation `std` are kept; without one (or with 0)
     `digits` of the value, and never fewer than its integer part. None and what is not finite
@@ -56,11 +57,15 @@ def number(value: Optional[float], *, std: Optional[float] = None, digits: int =
     """
     if value is None or not math.isfinite(value):
         return NOTHING
-    return fixed(value, _decimals_of_std(std) if _usable(std) else _decimals(value, digits))
+    if std is not None and math.isfinite(std) and std > 0.0:
+        decimals = 1 - _power_of_ten(std, 2)
+    else:
+        decimals = max(digits - 1 - _power_of_ten(value, digits), 0) if value else 0
+    return fixed(value, min(decimals, MAX_DECIMALS))
 
 
 def fixed(value: float, decimals: int) -> str:
-    """Write a number with that many decimals; negative ones round to tens, hundreds, ...
+    """Return a number with that many decimals; negative ones round to tens, hundreds, ...
 
     Examples
     --------
@@ -76,7 +81,7 @@ def fixed(value: float, decimals: int) -> str:
 
 
 def count(value: int) -> str:
-    """Write a whole number.
+    """Return a whole number with spaces between thousands.
 
     Examples
     --------
@@ -86,29 +91,19 @@ def count(value: int) -> str:
     return fixed(value, 0)
 
 
-def _usable(std: Optional[float]) -> bool:
-    return std is not None and math.isfinite(std) and std > 0.0
-
-
-def _decimals_of_std(std: Optional[float]) -> int:
-    assert std is not None  # noqa: S101 - for the type checker; _usable() has seen it
-    return min(1 - _power_of_ten(std, 2), MAX_DECIMALS)
-
-
-def _decimals(value: float, digits: int) -> int:
-    if value == 0.0:
-        return 0
-    return min(max(digits - 1 - _power_of_ten(value, digits), 0), MAX_DECIMALS)
-
-
 def _power_of_ten(value: float, digits: int) -> int:
     """Return the exponent of the value once it is rounded: 0.99999 counts as 1."""
     return int(f"{abs(value):.{digits - 1}e}".partition("e")[2])
 
 
+def plus_minus(spread: str) -> str:
+    """Return what follows a value: `` \u00b1 spread``, or nothing where the spread is unknown."""
+    return "" if spread == NOTHING else f" \u00b1 {spread}"
+
+
 @dataclass(frozen=True)
 class Units:
-    """What to multiply metres by for display, and how the products are called.
+    """Factors from metric values to displayed ones, and the names of the displayed units.
 
     Attributes
     ----------
@@ -144,8 +139,8 @@ class Units:
 
     def mass_text(self, value_t: Optional[float], std_t: Optional[float] = None) -> str:
         """Return a mass with its unit."""
-        text = number(_times(value_t, self.mass_per_t), std=_times(std_t, self.mass_per_t))
-        return _with_unit(text, self.mass)
+        factor = self.mass_per_t
+        return _with_unit(number(_times(value_t, factor), std=_times(std_t, factor)), self.mass)
 
     def mass_half_width(self, std_t: Optional[float]) -> str:
         """Return the half width of the 95 % interval of a mass, without unit or sign."""
@@ -192,7 +187,7 @@ US = Units(
 
 
 def display_units(measurement: Measurement, units: str) -> Units:
-    """Choose the units of what people read.
+    """Return the units of what people read.
 
     A cloud of unknown unit is never converted: nobody knows from what.
     """

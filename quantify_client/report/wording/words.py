@@ -2,57 +2,58 @@
 
 from __future__ import annotations
 
-import json
 import re
 import unicodedata
 from typing import Any, List, Mapping, Optional, Tuple, Union
 
-from ...types import AreaResult
-from .units import Units
+from ...types import AreaResult, Gap, Solid
+from .units import NOTHING, Units, count, number
 
 __all__ = [
     "base_words",
-    "budget_words",
     "coordinate_line",
     "coordinate_rows",
     "coverage_words",
     "crs_words",
     "encodable",
+    "floor_words",
+    "gap_width",
+    "gap_words",
     "is_terrain",
-    "json_words",
+    "left_out_words",
     "printable",
     "slug",
     "volume_word",
+    "volumes",
 ]
 
 REPLACEMENT = "\ufffd"
-# Direction overrides can make a text read as another one ("Trojan source").
-BIDI_CONTROLS = frozenset(
-    "\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
+SPACES = re.compile("[\t\n\r\v\f\x85\u2028\u2029]")
+# Control characters, halves of characters, and direction overrides, which can make a text read as
+# another one ("Trojan source").
+STEERING = re.compile(
+    "[\x00-\x1f\x7f-\x9f\ud800-\udfff\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]"
 )
-SPACES = frozenset("\t\n\r\v\f\x85\u2028\u2029")
 WKT_NAME = re.compile(r'^\s*[A-Z_a-z]+\s*[\[(]\s*"((?:[^"]|"")*)"')
 SLUG_LENGTH = 40
-BUDGET_WORDS = {"scale": "how well the control knows the size of the whole cloud"}
+LEVEL_DEGREES = 0.05  # a tilt below it is shown as level
+FLOORS = {
+    "in the cloud": "a plane found in the cloud",
+    "given": "the plane that was given",
+    "lowest points": "none in the cloud; the body is open below and was closed by a plane "
+    "through its lowest points",
+}
 
 
 def printable(text: object) -> str:
-    r"""Return the text on one line, without anything that steers a terminal or the reader.
+    r"""Return the text on one line, without control characters and direction overrides.
 
     Examples
     --------
     >>> printable("a\x1b[31mb\nc") == "a\ufffd[31mb c"
     True
     """
-    return "".join(_printable_character(c) for c in str(text))
-
-
-def _printable_character(character: str) -> str:
-    if character in SPACES:
-        return " "
-    if character in BIDI_CONTROLS or unicodedata.category(character) in ("Cc", "Cs"):
-        return REPLACEMENT
-    return character
+    return STEERING.sub(REPLACEMENT, SPACES.sub(" ", str(text)))
 
 
 def encodable(text: str) -> str:
@@ -87,7 +88,7 @@ def crs_words(crs: Optional[str]) -> str:
 
 
 def coordinate_rows(provenance: Mapping[str, Any]) -> List[Tuple[str, str]]:
-    """Return each part of the cloud's CRS, and what said it and what said otherwise.
+    """Return each part of the cloud's CRS, its source, and the sources that contradict it.
 
     Examples
     --------
@@ -98,22 +99,23 @@ def coordinate_rows(provenance: Mapping[str, Any]) -> List[Tuple[str, str]]:
     """
     rows = []
     for part in provenance.get("coordinates", ()):
-        not_believed = "".join(
+        rejected = "".join(
             f"; not {other['value']}, as {other['source']} says"
             for other in part["contradicted_by"]
         )
-        rows.append((part["part"], printable(f"{part['value']} ({part['source']}{not_believed})")))
+        rows.append((part["part"], printable(f"{part['value']} ({part['source']}{rejected})")))
     return rows
 
 
 def coordinate_line(provenance: Mapping[str, Any]) -> str:
-    """Return what a reader of a volume has to know of that: units, and what was contradicted."""
-    told = [
-        row
-        for row, part in zip(coordinate_rows(provenance), provenance.get("coordinates", ()))
-        if part["part"] in ("CRS", "horizontal unit", "vertical unit") or part["contradicted_by"]
-    ]
-    return "; ".join(f"{part} {said}" for part, said in told)
+    """Return the CRS and units in one line, and every other part that a source contradicts."""
+    return "; ".join(
+        f"{name} {words}"
+        for (name, words), part in zip(
+            coordinate_rows(provenance), provenance.get("coordinates", ())
+        )
+        if name in ("CRS", "horizontal unit", "vertical unit") or part["contradicted_by"]
+    )
 
 
 def base_words(base: Union[str, float, None], units: Units) -> str:
@@ -125,15 +127,10 @@ def base_words(base: Union[str, float, None], units: Units) -> str:
     return f"elevation {units.length_text(base)}"
 
 
-def budget_words(source: str) -> str:
-    """Return what an item of the error budget is, where its name alone does not tell."""
-    return BUDGET_WORDS.get(source, "")
-
-
 def coverage_words(coverage: Optional[float]) -> str:
     """Return a share as a percentage that says 100 only when it is."""
     if coverage is None:
-        return "\u2013"
+        return NOTHING
     percent = min(coverage * 100.0, 99.9) if coverage < 1.0 else 100.0
     return f"{percent:.0f}\u00a0%" if percent in (0.0, 100.0) else f"{percent:.1f}\u00a0%"
 
@@ -148,8 +145,49 @@ def volume_word(result: AreaResult) -> str:
     return "Net" if is_terrain(result) else "Volume"
 
 
-def json_words(value: Any) -> str:
-    """Return a value of the provenance in one line."""
-    if isinstance(value, str):
-        return printable(value)
-    return printable(json.dumps(value, ensure_ascii=False))
+def volumes(result: AreaResult, units: Units) -> List[str]:
+    """Return the volume, half the width of its 95 % interval, cut and fill."""
+    return [
+        units.volume_number(result.volume_m3, result.std_m3),
+        units.half_width(result.std_m3),
+        units.volume_number(result.cut_m3, result.cut_std_m3),
+        units.volume_number(result.fill_m3, result.fill_std_m3),
+    ]
+
+
+def floor_words(solid: Solid, units: Units) -> str:
+    """Return one sentence about the ground that a body stands on."""
+    floor = solid.floor
+    if floor is None:
+        return "Ground: none; the surface was taken as closed all round."
+    tilt = (
+        "level" if floor.tilt_degrees < LEVEL_DEGREES else f"tilted {floor.tilt_degrees:.1f}\u00b0"
+    )
+    points = "no point was left out for it"
+    if floor.points:
+        noun = "point" if floor.points == 1 else "points"
+        points = f"{count(floor.points)} {noun} taken for it and left out"
+    found = FLOORS.get(floor.found, printable(floor.found))
+    return f"Ground: {found}, at elevation {units.length_text(floor.elevation)}, {tilt}; {points}."
+
+
+def gap_words(solid: Solid, units: Units) -> str:
+    """Return one sentence: how many gaps were closed, how wide the widest is, and where."""
+    if not solid.gaps:
+        return "Gaps: none had to be closed."
+    widest = max(solid.gaps, key=lambda gap: gap.width)
+    number_of = len(solid.gaps)
+    closed = "1 closed," if number_of == 1 else f"{count(number_of)} closed, the widest"
+    where = units.length_text(solid.origin[2] + widest.z)
+    return f"Gaps: {closed} {gap_width(widest, units)} wide, at elevation {where}."
+
+
+def gap_width(gap: Gap, units: Units) -> str:
+    """Return the width of a gap with its unit: two digits, as a gap has no sharp edge."""
+    return f"{number(gap.width * units.length_per_m, digits=2)}\u00a0{units.length}"
+
+
+def left_out_words(result: AreaResult) -> str:
+    """Return how many points were left out, by reason."""
+    parts = [f"{count(n)} {printable(why)}" for why, n in result.points_left_out.items() if n]
+    return ", ".join(parts) or "none"

@@ -7,12 +7,13 @@ from typing import Any, Optional, Tuple
 
 import numpy as np
 import shapely
+from scipy.ndimage import map_coordinates
 
 from ....types import FloatArray, Relief
 from ...wording.units import Units
-from ..look import BASE, CUT, FILL, INK, limits_with_margin, ticks
+from ..look import BASE, CUT, FILL, INK, limits_with_margin, size_in, ticks
 
-__all__ = ["Section", "draw_section", "section_of"]
+__all__ = ["TerrainSection", "draw_section", "longest_direction", "section_of"]
 
 OVERSHOOT = 0.06  # the line goes on beyond the area by this share of its length
 FEWEST_SAMPLES, MOST_SAMPLES = 30, 900
@@ -22,7 +23,7 @@ EXAGGERATIONS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 15.0, 20.0, 
 
 
 @dataclass(frozen=True)
-class Section:
+class TerrainSection:
     """Terrain and base along a line.
 
     Attributes
@@ -39,7 +40,7 @@ class Section:
     base_m: FloatArray
 
 
-def section_of(relief: Relief) -> Optional[Section]:
+def section_of(relief: Relief) -> Optional[TerrainSection]:
     """Cut the relief through the cell farthest from the base, along the area's longest extent.
 
     None when nothing of the area is known.
@@ -57,11 +58,11 @@ def section_of(relief: Relief) -> Optional[Section]:
     above = sample(relief.above_base_m, relief, x, y)
     if not np.isfinite(terrain).any():
         return None
-    return Section(x, y, np.hypot(x - x[0], y - y[0]), terrain, terrain - above)
+    return TerrainSection(x, y, np.hypot(x - x[0], y - y[0]), terrain, terrain - above)
 
 
 def _line(polygon: Any, x: float, y: float, cell_m: float) -> Tuple[FloatArray, FloatArray]:
-    """Return samples of the line through (x, y), west to east, from rim to rim and a bit more."""
+    """Return places along the line through (x, y), west to east, a little beyond the area."""
     direction = longest_direction(polygon)
     xy = shapely.get_coordinates(polygon) - (x, y)
     along = xy @ direction
@@ -91,65 +92,38 @@ def sample(values: FloatArray, relief: Relief, x: FloatArray, y: FloatArray) -> 
 
     Neighbours without a value carry no weight, so that a line ends at the rim of what is known.
     """
-    column = (x - relief.min_x) / relief.cell_m - 0.5
-    row = (y - relief.min_y) / relief.cell_m - 0.5
-    total, weights = np.zeros(len(x)), np.zeros(len(x))
-    for down in (0, 1):
-        for right in (0, 1):
-            r, c = np.floor(row).astype(int) + down, np.floor(column).astype(int) + right
-            value = _at(values, r, c)
-            weight = np.abs(1 - down - (row - np.floor(row)))
-            weight = weight * np.abs(1 - right - (column - np.floor(column)))
-            weight = np.where(np.isfinite(value), weight, 0.0)
-            total += weight * np.nan_to_num(value)
-            weights += weight
-    own = _at(values, np.round(row).astype(int), np.round(column).astype(int))
-    known = np.isfinite(own) & (weights > 0)
-    return np.where(known, total / np.where(weights > 0, weights, 1.0), np.nan)
+    at = np.stack([y - relief.min_y, x - relief.min_x]) / relief.cell_m - 0.5
+
+    def read(grid: FloatArray, order: int, outside: float) -> FloatArray:
+        return np.asarray(
+            map_coordinates(grid, at, order=order, mode="grid-constant", cval=outside)
+        )
+
+    total = read(np.nan_to_num(values), 1, 0.0)
+    weight = read(np.isfinite(values).astype(np.float64), 1, 0.0)
+    known = np.isfinite(read(values, 0, np.nan)) & (weight > 0.0)
+    return np.where(known, total / np.where(known, weight, 1.0), np.nan)
 
 
-def _at(values: FloatArray, row: Any, column: Any) -> FloatArray:
-    inside = (row >= 0) & (row < values.shape[0]) & (column >= 0) & (column < values.shape[1])
-    found = values[np.clip(row, 0, values.shape[0] - 1), np.clip(column, 0, values.shape[1] - 1)]
-    return np.where(inside, found, np.nan)
-
-
-def draw_section(axes: Any, section: Section, units: Units) -> None:
+def draw_section(axes: Any, section: TerrainSection, units: Units) -> None:
     """Draw the section with cut and fill filled, and say how much heights are exaggerated."""
     along = section.along_m * units.length_per_m
     terrain = section.terrain_m * units.length_per_m
     base = section.base_m * units.length_per_m
     both = np.isfinite(terrain) & np.isfinite(base)
+    looks = {"interpolate": True, "alpha": 0.55, "linewidth": 0}
     for colour, where in ((CUT, terrain >= base), (FILL, terrain < base)):
-        axes.fill_between(
-            along,
-            terrain,
-            base,
-            where=where & both,
-            interpolate=True,
-            color=colour,
-            alpha=0.55,
-            lw=0,
-        )
+        axes.fill_between(along, terrain, base, where=where & both, color=colour, **looks)
     axes.plot(along, terrain, color=INK, linewidth=1.5, label="terrain")
     axes.plot(along, base, color=BASE, linewidth=1.3, dashes=(5, 2.5), label="base")
     exaggeration = _set_limits(axes, along, np.concatenate([terrain, base]))
     axes.grid(axis="y")
-    narrow = axes.figure.get_figwidth() * axes.get_position().width < NARROW_IN
-    words = "from A" if narrow else "distance from A"
+    wide, high = size_in(axes)
+    words = "from A" if wide < NARROW_IN else "distance from A"
     axes.set_xlabel(f"{words}, {units.length}", loc="left")
-    axes.set_ylabel(f"elevation, {units.length}")
-    _draw_legend(axes)
-    title = "Section A\u2013A\u2032"
-    axes.set_title(title if exaggeration == 1.0 else f"{title}, heights \u00d7 {exaggeration:g}")
-
-
-def _draw_legend(axes: Any) -> None:
-    """Below the axes, beside their label: inside it would hide terrain."""
-    below = -0.24 / (axes.figure.get_figheight() * axes.get_position().height)
     axes.legend(
         loc="upper right",
-        bbox_to_anchor=(1.0, below),
+        bbox_to_anchor=(1.0, -0.24 / high),  # below, beside the label: inside it would hide terrain
         ncol=2,
         frameon=False,
         fontsize=10,
@@ -158,12 +132,13 @@ def _draw_legend(axes: Any) -> None:
         handlelength=2.2,
         columnspacing=1.4,
     )
+    exaggerated = "" if exaggeration == 1.0 else f", heights \u00d7 {exaggeration:g}"
+    axes.set(title=f"Section A\u2013A\u2032{exaggerated}", ylabel=f"elevation, {units.length}")
 
 
 def _set_limits(axes: Any, along: FloatArray, elevations: FloatArray) -> float:
-    """Choose a round exaggeration that shows the form, and limits that make it exact."""
-    figure, box = axes.figure, axes.get_position()
-    wide, high = figure.get_figwidth() * box.width, figure.get_figheight() * box.height
+    """Set limits that exaggerate heights by a round factor, and return the factor."""
+    wide, high = size_in(axes)
     finite = elevations[np.isfinite(elevations)]
     low, high_m = limits_with_margin(float(finite.min()), float(finite.max()), 0.08)
     west, east = float(along[0]), float(along[-1])
@@ -174,8 +149,7 @@ def _set_limits(axes: Any, along: FloatArray, elevations: FloatArray) -> float:
         extra = max(wide / high * (high_m - low) - (east - west), 0.0) / 2
         west, east, span, wanted = west - extra, east + extra, high_m - low, 1.0
     middle = (low + high_m) / 2
-    axes.set_xlim(west, east)
-    axes.set_ylim(middle - span / 2, middle + span / 2)
+    axes.set(xlim=(west, east), ylim=(middle - span / 2, middle + span / 2))
     ticks(axes.xaxis, max(3, min(7, int(wide))))
     ticks(axes.yaxis, max(3, min(6, int(high * 1.6))))
     return wanted

@@ -1,4 +1,4 @@
-"""From a relief's arrays to coloured ones: coarsening, hill shade, height colours, hatching.
+"""Colours of a relief: coarsening, hill shade, heights above the base, hatching.
 
 Arrays only; nothing here knows of axes. Row 0 is the southernmost, as in
 :class:`~quantify_client.types.Relief`.
@@ -6,24 +6,25 @@ Arrays only; nothing here knows of axes. Row 0 is the southernmost, as in
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Tuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ....types import FloatArray, Relief
-from ..look import diverging
+from ..look import HEIGHTS_ABOVE_BASE
 
 __all__ = [
-    "Ground",
     "block_mean",
     "coarse",
     "enlarge",
+    "extent_of",
     "height_limit",
     "hill_shade",
     "interpolated",
     "paint",
+    "slope",
 ]
 
 LIGHT = (-0.5, 0.5, 0.7071)  # unit vector to the light: north-west (x east, y north), 45 deg up
@@ -35,40 +36,27 @@ HATCH_PX = 7
 LARGEST_SAMPLE = 200_000
 
 
-@dataclass(frozen=True)
-class Ground:
-    """A relief reduced to what a picture can show.
+def coarse(relief: Relief, largest: int) -> Relief:
+    """Average cells until neither side has more than `largest`.
 
-    Attributes
-    ----------
-    extent : west, east, south, north of the arrays.
-    cell_m : edge of a cell after coarsening.
-    elevation_m, above_base_m, fraction : (ny, nx) float64; NaN as in the relief.
-    measured : (ny, nx) float64 in 0..1, the share of cells that points support.
+    A coarse cell counts as measured when points support at least half of its cells.
     """
-
-    extent: Tuple[float, float, float, float]
-    cell_m: float
-    elevation_m: FloatArray
-    above_base_m: FloatArray
-    fraction: FloatArray
-    measured: FloatArray
-
-
-def coarse(relief: Relief, largest: int) -> Ground:
-    """Average cells until neither side has more than `largest`."""
     factor = max(1, -(-max(relief.elevation_m.shape) // largest))
-    elevation = block_mean(relief.elevation_m, factor)
-    ny, nx = elevation.shape
-    cell = relief.cell_m * factor
-    return Ground(
-        extent=(relief.min_x, relief.min_x + nx * cell, relief.min_y, relief.min_y + ny * cell),
-        cell_m=cell,
-        elevation_m=elevation,
+    return replace(
+        relief,
+        cell_m=relief.cell_m * factor,
+        elevation_m=block_mean(relief.elevation_m, factor),
         above_base_m=block_mean(relief.above_base_m, factor),
         fraction=np.nan_to_num(block_mean(relief.fraction, factor)),
-        measured=np.nan_to_num(block_mean(relief.measured.astype(np.float64), factor)),
+        measured=block_mean(relief.measured.astype(np.float64), factor) >= 0.5,
     )
+
+
+def extent_of(relief: Relief) -> Tuple[float, float, float, float]:
+    """Return west, east, south and north of the cells."""
+    ny, nx = relief.elevation_m.shape
+    west, south, cell = relief.min_x, relief.min_y, relief.cell_m
+    return west, west + nx * cell, south, south + ny * cell
 
 
 def block_mean(values: FloatArray, factor: int) -> FloatArray:
@@ -76,11 +64,9 @@ def block_mean(values: FloatArray, factor: int) -> FloatArray:
 
     An incomplete block at the north or east is averaged as it is.
     """
-    if factor == 1:
-        return np.asarray(values, dtype=np.float64)
-    ny, nx = (-(-n // factor) for n in values.shape)
-    padded = np.full((ny * factor, nx * factor), np.nan)
-    padded[: values.shape[0], : values.shape[1]] = values
+    missing = [(0, -n % factor) for n in values.shape]
+    padded = np.pad(np.asarray(values, dtype=np.float64), missing, constant_values=np.nan)
+    ny, nx = (n // factor for n in padded.shape)
     blocks = padded.reshape(ny, factor, nx, factor)
     finite = np.isfinite(blocks)
     count = finite.sum(axis=(1, 3))
@@ -109,23 +95,20 @@ def slope(elevation_m: FloatArray, cell_m: float, axis: int) -> FloatArray:
     ``numpy.gradient`` would carry every gap one cell further.
     """
     step = np.diff(elevation_m, axis=axis) / cell_m
-    pad = [(0, 0), (0, 0)]
-    pad[axis] = (0, 1)
-    ahead = np.pad(step, pad, constant_values=np.nan)
-    pad[axis] = (1, 0)
-    behind = np.pad(step, pad, constant_values=np.nan)
+    gap = np.full_like(np.take(elevation_m, [0], axis=axis), np.nan)
+    ahead, behind = np.concatenate([step, gap], axis), np.concatenate([gap, step], axis)
     ahead = np.where(np.isfinite(ahead), ahead, behind)
     behind = np.where(np.isfinite(behind), behind, ahead)
     return np.asarray(np.nan_to_num((ahead + behind) / 2.0))
 
 
 def height_limit(above_base_m: FloatArray) -> float:
-    """Return the height at which the colours end: robust, and the same above and below."""
+    """Return the 99th percentile of heights above or below the base: where colours end."""
     limit = _percentile(np.abs(above_base_m), 99.0)
     return limit if limit > 0.0 else 1.0
 
 
-def paint(ground: Ground, limit: float) -> npt.NDArray[np.uint8]:
+def paint(ground: Relief, limit: float) -> npt.NDArray[np.uint8]:
     """Return the plan's colours: shaded ground, and on it the height above the base.
 
     Returns
@@ -137,7 +120,7 @@ def paint(ground: Ground, limit: float) -> npt.NDArray[np.uint8]:
     light = np.where(known, shade / LIGHT[2], 1.0)[..., None]
     grey = lit(np.array([0.845, 0.85, 0.835]), light)
     scaled = np.nan_to_num(ground.above_base_m / limit) / 2.0 + 0.5
-    height = lit(np.asarray(diverging()(np.clip(scaled, 0.0, 1.0)))[..., :3], light)
+    height = lit(np.asarray(HEIGHTS_ABOVE_BASE(np.clip(scaled, 0.0, 1.0)))[..., :3], light)
     inside = np.where(np.isfinite(ground.above_base_m), ground.fraction, 0.0)[..., None]
     rgb = grey * (1.0 - inside) + height * inside
     alpha = (known | np.isfinite(ground.above_base_m))[..., None]
@@ -146,7 +129,7 @@ def paint(ground: Ground, limit: float) -> npt.NDArray[np.uint8]:
 
 
 def lit(rgb: FloatArray, light: FloatArray) -> FloatArray:
-    """Return colours in shade or light, in 0..1: darker there, whiter here, of the same hue.
+    """Return colours (0..1) darkened in shade and lightened in the sun, with the same hue.
 
     A mere product would clip the brightest channels, and brown would turn yellow in the sun.
     """
@@ -156,30 +139,28 @@ def lit(rgb: FloatArray, light: FloatArray) -> FloatArray:
 
 
 def enlarge(
-    rgba: npt.NDArray[np.uint8], ground: Ground, shape: Tuple[int, int]
+    rgba: npt.NDArray[np.uint8], ground: Relief, shape: Tuple[int, int]
 ) -> npt.NDArray[np.uint8]:
-    """Return the picture in its own pixels, with diagonal lines over interpolated cells.
+    """Return the colours at the size of the picture, with interpolated cells hatched.
 
     `rgba` is (ny, nx, 4) uint8, painted from `ground`; `shape` are rows and columns of the
-    picture, so that the lines stay thin on any grid. Where the grid has more, it is left to whoever
-    draws to reduce it.
+    picture, so that the lines stay thin on any grid. A grid that has more is returned as fine as
+    it is.
     """
     ny, nx = ground.fraction.shape
     rows, columns = max(shape[0], ny), max(shape[1], nx)
     cells = np.ix_(np.arange(rows) * ny // rows, np.arange(columns) * nx // columns)
     large: npt.NDArray[np.uint8] = rgba[cells]
-    guessed = interpolated(ground)
-    if guessed.any():
-        stripes = (np.arange(rows)[:, None] + np.arange(columns)[None, :]) % HATCH_PX < 2
-        lines = guessed[cells] & stripes
-        large[lines, :3] = (0.5 * large[lines, :3]).astype(np.uint8) + np.uint8(16)
+    stripes = (np.arange(rows)[:, None] + np.arange(columns)[None, :]) % HATCH_PX < 2
+    lines = interpolated(ground)[cells] & stripes
+    large[lines, :3] = (0.5 * large[lines, :3]).astype(np.uint8) + np.uint8(16)
     return large
 
 
-def interpolated(ground: Ground) -> npt.NDArray[np.bool_]:
-    """Return the cells of the area that most points passed by."""
+def interpolated(ground: Relief) -> npt.NDArray[np.bool_]:
+    """Return the cells of the area that points do not support."""
     inside = (ground.fraction > 0.0) & np.isfinite(ground.above_base_m)
-    return np.asarray(inside & (ground.measured < 0.5))
+    return np.asarray(inside & ~ground.measured)
 
 
 def _percentile(values: FloatArray, percent: float) -> float:

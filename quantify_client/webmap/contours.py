@@ -7,7 +7,7 @@ from typing import Any, Dict, List, Tuple
 import numpy as np
 import shapely
 
-from ....types import FloatArray
+from ..types import FloatArray
 
 __all__ = ["contour"]
 

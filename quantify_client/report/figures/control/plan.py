@@ -1,19 +1,19 @@
-"""The control in plan, ready to be drawn: points, lengths between them, residuals as arrows."""
+"""The control network in plan: points, lengths between them, residuals as arrows."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import Optional, Sequence, Set, Tuple
 
 import numpy as np
 
 from ....types import ControlledPoint, FloatArray, Scaling
-from ...wording.observations import Row, rows_of
+from ...wording.scaling import Observation, observations_of
 from ...wording.units import Units
 from ..look import nice_step
 
-__all__ = ["Arrows", "Line", "Site", "site_of"]
+__all__ = ["Arrows", "ControlPlan", "Line", "control_plan"]
 
 USUAL = 0.11  # length of the arrows that nine in ten do not exceed, as a share of the view,
 CROWDED = 0.7  # ... less where there are many points: this over the root of their number ...
@@ -27,38 +27,40 @@ class Line:
     """A length; `ends` are (2, 2) in display units."""
 
     ends: FloatArray
-    row: Row
+    observation: Observation
 
 
 @dataclass(frozen=True)
 class Arrows:
-    """Residuals of points; `start` and `residual` are (N, 2), in display units and true to size."""
+    """Residuals of points, in display units.
+
+    Attributes
+    ----------
+    start : (N, 2), the points.
+    residual : (N, 2), true to size.
+    factor, drawn : how much they are enlarged, and the result, (N, 2).
+    longest : the largest residual.
+    """
 
     start: FloatArray
     residual: FloatArray
     factor: float
-
-    @property
-    def drawn(self) -> FloatArray:
-        """(N, 2) the arrows as they are drawn."""
-        return self.residual * self.factor
-
-    @property
-    def longest(self) -> float:
-        """The largest residual."""
-        return float(np.hypot(*self.residual.T).max())
+    drawn: FloatArray
+    longest: float
 
 
 @dataclass(frozen=True)
-class Site:
-    """What is drawn, in display units from the middle of the control.
+class ControlPlan:
+    """A control network in plan, in display units from its middle.
 
     Attributes
     ----------
     at : (N, 2) of `points`.
+    lines : lengths between two of them, the worst last.
     cloud, gps : None where there are none, or nothing to be seen.
     hidden_gps : the largest residual of a position where they are too large to be drawn beside
         those of the cloud, in display units; else 0.
+    outliers : names of points of which an observation was left out.
     """
 
     points: Sequence[ControlledPoint]
@@ -67,7 +69,7 @@ class Site:
     cloud: Optional[Arrows]
     gps: Optional[Arrows]
     hidden_gps: float
-    wrong: Dict[str, Row]
+    outliers: Set[str]
 
     def view(self, aspect: float) -> Tuple[float, float, float, float]:
         """Return west, east, south, north of a view of that width over height."""
@@ -83,8 +85,8 @@ class Site:
         return (x - wide / 2, x + wide / 2, y - tall / 2, y + tall / 2)
 
 
-def site_of(scaling: Scaling, units: Units) -> Optional[Site]:
-    """Return what can be drawn, or None where no point has a place."""
+def control_plan(scaling: Scaling, units: Units) -> Optional[ControlPlan]:
+    """Return the plan of a control network, or None where no point has coordinates."""
     points = [p for p in scaling.points if math.isfinite(p.east) and math.isfinite(p.north)]
     if not points:
         return None
@@ -95,20 +97,17 @@ def site_of(scaling: Scaling, units: Units) -> Optional[Site]:
     hidden = 0.0
     if cloud is not None and gps is not None and gps.longest >= HIDDEN * cloud.longest:
         hidden, gps = gps.longest, None
-    rows = rows_of(scaling)
-    wrong = {row.names[0]: row for row in rows if row.outlier and len(row.names) == 1}
-    return Site(points, at, _lines(rows, points, at), cloud, gps, hidden, wrong)
-
-
-def _lines(rows: Sequence[Row], points: Sequence[ControlledPoint], at: FloatArray) -> List[Line]:
-    """Return the lengths, the worst last: it is drawn above the others."""
+    rows = observations_of(scaling)
+    outliers = {row.names[0] for row in rows if row.outlier and len(row.names) == 1}
     place = {point.name: xy for point, xy in zip(points, at)}
     lines = [
         Line(np.array([place[name] for name in row.names]), row)
         for row in rows
         if len(row.names) == 2 and all(name in place for name in row.names)
     ]
-    return sorted(lines, key=lambda line: (line.row.outlier, abs(line.row.in_sigmas or 0.0)))
+    # The worst last: it is drawn above the others.
+    lines.sort(key=lambda line: (line.observation.outlier, abs(line.observation.in_sigmas or 0.0)))
+    return ControlPlan(points, at, lines, cloud, gps, hidden, outliers)
 
 
 def _arrows(
@@ -125,4 +124,5 @@ def _arrows(
         return None
     usual = max(float(np.quantile(length, 0.9)), 0.01 * longest)
     share = min(USUAL, CROWDED / math.sqrt(len(found)))
-    return Arrows(at[known], found, nice_step(size * min(share / usual, LONGEST / longest)))
+    factor = nice_step(size * min(share / usual, LONGEST / longest))
+    return Arrows(at[known], found, factor, found * factor, longest)

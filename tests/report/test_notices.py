@@ -7,9 +7,9 @@ import html
 import pytest
 
 from quantify_client.report.page.page import render_html
-from quantify_client.report.wording.kinds import in_units, kind_of, lines_of_kinds
+from quantify_client.report.wording.notices import in_units, kind_of, lines_of_kinds
 from quantify_client.report.wording.units import display_units, named_units
-from quantify_client.types import Measurement
+from quantify_client.types import Measurement, Notice
 
 from . import surveys
 from .test_reading import printed
@@ -80,6 +80,22 @@ def test_kinds_differ_in_more_than_numbers() -> None:
     assert kind_of("a gap of 1.5 m at (3.0, -4.25, 1e-3)") == kind_of("a gap of 2 m at (1, -2, 3)")
     assert kind_of("a gap of 1.5 m") != kind_of("a hole of 1.5 m")
     assert kind_of("95 % of m3") == "# % of m3"
+
+
+def test_a_code_is_a_kind_whatever_the_words() -> None:
+    one = Notice("gaps-interpolated", "1 gap of 0.4 m was interpolated", count=1)
+    two = Notice("gaps-interpolated", "2 gaps of up to 0.6 m were interpolated", count=2)
+    other = Notice("edge", EDGE.format(12), area_m2=12.0)
+    assert kind_of(one) == kind_of(two) == "gaps-interpolated"
+    shown = in_units(one, US)
+    assert isinstance(shown, Notice)
+    assert (shown, shown.code, shown.values) == (
+        "1 gap of 1.3 ft was interpolated",
+        "gaps-interpolated",
+        {"count": 1},
+    )
+    lines = lines_of_kinds([("A", one), ("A", other), ("B", two), ("C", two)], named=True)
+    assert lines == [f"A: {one}", f"in 2 areas (B, C): {two}", f"A: {other}"]
 
 
 def test_many_names_are_counted() -> None:

@@ -1,7 +1,7 @@
 """Warnings as people read them: one line for each kind, in the units asked for.
 
-Warnings are sentences in metric units, as JSON has them. Those of a kind differ in nothing but
-their numbers.
+A warning is a sentence in metric units. Its kind is its code; sentences that were saved without
+one are of the same kind when they differ in nothing but their numbers.
 """
 
 from __future__ import annotations
@@ -9,10 +9,10 @@ from __future__ import annotations
 import re
 from typing import Dict, List, Sequence, Tuple
 
-from ...types import AreaResult, Measurement
+from ...types import AreaResult, Measurement, Notice
 from .units import Units
 
-__all__ = ["in_units", "kind_of", "lines_of_kinds", "said_of_results"]
+__all__ = ["in_units", "kind_of", "lines_of_kinds", "warnings_of_results"]
 
 #: No part of a name, of an option or of a coordinate with a sign.
 _NUMBER = re.compile(r"(?<![\w.])\d+(?:,\d{3})*(?:\.\d+)?(?:[eE][-+]?\d+)?(?!\w)")
@@ -40,12 +40,15 @@ def in_units(sentence: str, units: Units) -> str:
 
     def converted(match: re.Match[str]) -> str:
         name, factor = of[match[2]]
-        return f"{match[1] if factor == 1.0 else _times(match[1], factor)} {name}"
+        return f"{match[1] if factor == 1.0 else _scaled(match[1], factor)} {name}"
 
-    return _QUANTITY.sub(converted, sentence)
+    shown = _QUANTITY.sub(converted, sentence)
+    if isinstance(sentence, Notice):
+        return Notice(sentence.code, shown, **sentence.values)
+    return shown
 
 
-def _times(written: str, factor: float) -> str:
+def _scaled(written: str, factor: float) -> str:
     """Return a written number times a factor, with as many significant digits."""
     bare = written.replace(",", "")
     digits = len(bare.lower().partition("e")[0].replace(".", "").lstrip("0")) or 1
@@ -55,23 +58,25 @@ def _times(written: str, factor: float) -> str:
 
 
 def kind_of(sentence: str) -> str:
-    """Return what sentences of the same kind have in common: all but the numbers.
+    """Return the code of a warning, or of one without a code the sentence without its numbers.
 
     Examples
     --------
     >>> kind_of("points support 69% of the area") == kind_of("points support 7% of the area")
     True
+    >>> kind_of(Notice("gaps-interpolated", "points support 69% of the area"))
+    'gaps-interpolated'
     """
-    return _NUMBER.sub("#", sentence)
+    return sentence.code if isinstance(sentence, Notice) else _NUMBER.sub("#", sentence)
 
 
 def lines_of_kinds(said: Sequence[Tuple[str, str]], *, named: bool) -> List[str]:
-    """Return one line for each kind of sentence, in the order of their first.
+    """Return a line for each sentence, those that differ only in numbers as one.
 
     Parameters
     ----------
-    said : names of areas and what is said of each.
-    named : whether the names tell anything; they do not where there is one area.
+    said : names of areas and a warning of each.
+    named : whether the names are shown; one area needs none.
 
     Examples
     --------
@@ -79,14 +84,18 @@ def lines_of_kinds(said: Sequence[Tuple[str, str]], *, named: bool) -> List[str]
     >>> lines_of_kinds(gaps, named=True)
     ['in 2 areas (A, B): points support 69 to 93% of it']
     """
-    kinds: Dict[str, List[Tuple[str, str]]] = {}
+    kinds: Dict[str, Dict[str, List[Tuple[str, str]]]] = {}
     for name, sentence in said:
-        kinds.setdefault(kind_of(sentence), []).append((name, sentence))
-    return [_line(rows, named) for rows in kinds.values()]
+        alike = kinds.setdefault(kind_of(sentence), {})
+        alike.setdefault(_NUMBER.sub("#", sentence), []).append((name, sentence))
+    return [_line(rows, named) for alike in kinds.values() for rows in alike.values()]
 
 
 def _line(rows: Sequence[Tuple[str, str]], named: bool) -> str:
-    sentence = _together([sentence for _, sentence in rows])
+    """Return the sentence with the range of each number that differs, after the areas' names."""
+    columns = zip(*(_NUMBER.findall(sentence) for _, sentence in rows))
+    ranges = iter([_range(column) for column in columns])
+    sentence = _NUMBER.sub(lambda _: next(ranges), rows[0][1])
     names = list(dict.fromkeys(name for name, _ in rows))
     if not named:
         return sentence
@@ -97,22 +106,14 @@ def _line(rows: Sequence[Tuple[str, str]], named: bool) -> str:
     return f"in {len(names)} areas ({shown}{more}): {sentence}"
 
 
-def _together(sentences: Sequence[str]) -> str:
-    """Return the sentence with the range of each number that differs."""
-    columns = list(zip(*(_NUMBER.findall(sentence) for sentence in sentences)))
-    ranges = iter([_range(column) for column in columns])
-    return _NUMBER.sub(lambda _: next(ranges), sentences[0])
-
-
 def _range(numbers: Sequence[str]) -> str:
-    low, high = (end(numbers, key=lambda n: float(n.replace(",", ""))) for end in (min, max))
-    return (
-        low if float(low.replace(",", "")) == float(high.replace(",", "")) else f"{low} to {high}"
-    )
+    value = {number: float(number.replace(",", "")) for number in numbers}
+    low, high = min(numbers, key=value.__getitem__), max(numbers, key=value.__getitem__)
+    return low if value[low] == value[high] else f"{low} to {high}"
 
 
-def said_of_results(measurement: Measurement, units: Units) -> List[Tuple[str, str]]:
-    """Return each area's name and what is said of it, in the units asked for."""
+def warnings_of_results(measurement: Measurement, units: Units) -> List[Tuple[str, str]]:
+    """Return each area's name and each of its warnings, in the units asked for."""
     return [
         (result.name, in_units(sentence, units))
         for result in measurement.results
