@@ -12,7 +12,7 @@ import pytest
 from clouds import write_copc, write_ept, write_text
 
 from quantify_client import describe, measure
-from quantify_client.cloud import las
+from quantify_client.cloud.las import points as las
 
 pytestmark = pytest.mark.one_python
 

@@ -256,6 +256,13 @@ def touches(bounds: Optional[Bounds], window: Optional[Window]) -> bool:
     )
 
 
+def widened(window: Window, some: float) -> Window:
+    """Return a window that is larger by `some` on all sides."""
+    return Window(
+        window.min_x - some, window.min_y - some, window.max_x + some, window.max_y + some
+    )
+
+
 def box_of(chunk: Chunk) -> Optional[Bounds]:
     """Return the box of a chunk's points, None where it has none."""
     if not len(chunk):

@@ -14,8 +14,8 @@ from clouds import in_order, points, read_all, write_copc, write_ept, write_las
 
 from quantify_client.cloud import open_cloud
 from quantify_client.cloud.base import coarse
-from quantify_client.cloud.ept import EptCloud
-from quantify_client.cloud.las_header import read_layout
+from quantify_client.cloud.ept.cloud import EptCloud
+from quantify_client.cloud.las.header import read_layout
 from quantify_client.errors import CloudError
 from quantify_client.types import Window
 

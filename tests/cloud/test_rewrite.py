@@ -14,7 +14,7 @@ from clouds import points, write_copc, write_las
 from rewriting import PIVOT, UTM, box, move, moved
 
 from quantify_client.cloud import open_cloud
-from quantify_client.cloud.rewrite import RewriteReport, rewrite_cloud
+from quantify_client.cloud.writing import RewriteReport, rewrite_cloud
 from quantify_client.errors import CrsError
 from quantify_client.types import Bounds
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from clouds import in_order, points, write_ept, write_las, write_ply, write_text
 
-from quantify_client.cloud.rewrite import RewriteReport, rewrite_cloud
+from quantify_client.cloud.writing import RewriteReport, rewrite_cloud
 from quantify_client.errors import CloudError
 from quantify_client.types import Bounds
 

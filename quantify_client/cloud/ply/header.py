@@ -14,8 +14,9 @@ from typing import Any, BinaryIO, Dict, List, Optional, Tuple
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import CloudError
+from ...errors import CloudError
 
+AGAIN = "expected a complete PLY file: copy, download or export it again"
 _BLOCK = 1 << 20  # bytes of rows at a time
 _MAX_HEADER = 1 << 20
 _MAX_COLUMNS = 1000  # properties of an element; sixty are many
@@ -80,6 +81,10 @@ class PlyHeader:
     def before(self, element: Element) -> Tuple[Element, ...]:
         """Return the elements whose rows come before those of one of them."""
         return self.elements[: self.elements.index(element)]
+
+    def lines_before(self, element: Element) -> int:
+        """Return how many lines come before those of an element in a file of text."""
+        return self.lines + sum(other.count for other in self.before(element))
 
 
 def plyfile() -> Any:

@@ -13,15 +13,12 @@ from typing import Any, BinaryIO, Iterator, List, NamedTuple, Optional, Tuple
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import CloudError
-from ..types import Faces, IntArray
-from .base import naming
-from .lines import Lines
-from .ply_header import Element, PlyHeader, even_length, plyfile, truncated
+from ...errors import CloudError
+from ...types import Faces, IntArray
+from ..base import naming
+from ..text import Lines
+from .header import AGAIN, Element, PlyHeader, even_length, plyfile, truncated
 
-__all__ = ["FACES", "FaceRows", "element_offset", "faces_of", "read_faces"]
-
-_AGAIN = "expected a complete PLY file: copy, download or export it again"
 _ORDERS = {"<": "binary_little_endian", ">": "binary_big_endian"}
 _MOST_WALKED = 2_000_000  # rows one by one: some ten seconds
 _ROWS = 10_000  # of these at a time
@@ -133,7 +130,7 @@ def read_faces(path: Path, header: PlyHeader, rows: FaceRows) -> Faces:
         The file ends before them, or one of them has a corner that is no point of the file.
     """
     read = _binary if header.order else _ascii
-    with naming(path, _AGAIN):
+    with naming(path, AGAIN):
         parts = list(read(path, header, rows))
         none = np.zeros(0, dtype=np.int64)
         corners = np.concatenate([part[0] for part in parts] or [none])
@@ -176,8 +173,8 @@ def _binary(path: Path, header: PlyHeader, rows: FaceRows) -> Iterator[Tuple[Int
 def _ascii(path: Path, header: PlyHeader, rows: FaceRows) -> Iterator[Tuple[IntArray, IntArray]]:
     element, column = rows  # what comes before the first list is one value each
     with path.open("r", encoding="ascii", errors="replace") as stream:
-        lines = Lines(path, stream, _AGAIN)
-        lines.skip(header.lines + sum(other.count for other in header.before(element)))
+        lines = Lines(path, stream, AGAIN)
+        lines.skip(header.lines_before(element))
         done = 0
         while done < element.count:
             taken = lines.take(min(_TABLE, element.count - done))

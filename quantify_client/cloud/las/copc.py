@@ -12,13 +12,12 @@ import lazrs
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import CloudError
-from ..types import Bounds, Chunk, Window
-from .base import DEFAULT_CHUNK, box_of, gather, naming, touches, within
-from .las import MAX_BUFFER, SELECTION, LasCloud, decode, read_points
-from .las_header import AGAIN, LasLayout, read_layout
-from .las_sample import spread
-from .laz_chunks import LARGEST_CHUNK
+from ...errors import CloudError
+from ...types import Bounds, Chunk, Window
+from ..base import DEFAULT_CHUNK, box_of, gather, naming, touches, widened, within
+from .chunks import LARGEST_CHUNK
+from .header import AGAIN, LasLayout, read_layout
+from .points import MAX_BUFFER, SELECTION, LasCloud, decode, read_points, spread
 
 _TOP = 9  # cubes of the upper two levels
 _POINTS = 2_000  # of a cube that are looked at
@@ -84,10 +83,7 @@ def _read_window(layout: LasLayout, window: Window, size: int) -> Iterator[Chunk
     with stream:
         with naming(layout.path, AGAIN):
             nodes = _index(layout, stream)
-            some = _rounding(layout)
-            around = Window(
-                window.min_x - some, window.min_y - some, window.max_x + some, window.max_y + some
-            )
+            around = widened(window, _rounding(layout))
             nodes = nodes[[touches(_box(layout, node["key"]), around) for node in nodes]]
         nodes = nodes[np.argsort(nodes["offset"])]
         for batch in _batches(nodes, min(size, MAX_BUFFER // layout.record_length)):
@@ -173,11 +169,7 @@ def _decompress(layout: LasLayout, stream: BinaryIO, nodes: Nodes) -> npt.NDArra
         parts.append(stream.read(length))
         chunks.check(parts[-1][: chunks.head], length)
     table = list(zip(nodes["points"].tolist(), nodes["bytes"].tolist()))
-    records = np.empty(size, dtype=np.uint8)
-    lazrs.decompress_points_with_chunk_table(
-        b"".join(parts), chunks.record, records, table, SELECTION.to_lazrs()
-    )
-    return records
+    return chunks.decompress(b"".join(parts), table, layout.record_length, SELECTION)
 
 
 def open_las(path: Path) -> LasCloud:

@@ -15,8 +15,10 @@ from typing import Any, BinaryIO, List, Optional, Sequence, Tuple
 
 import lazrs
 import numpy as np
+import numpy.typing as npt
+from laspy import DecompressionSelection
 
-from ..errors import CloudError
+from ...errors import CloudError
 
 __all__ = ["LARGEST_CHUNK", "Chunks", "Watch", "read_chunks", "require_empty"]
 
@@ -72,6 +74,20 @@ class Chunks:
                 f"{self.path}: a compressed chunk promises {promised} bytes and has "
                 f"{max(held, 0)}; {_AGAIN}"
             )
+
+    def decompress(
+        self,
+        data: bytes,
+        table: Sequence[Tuple[int, int]],
+        point: int,
+        selection: DecompressionSelection,
+    ) -> npt.NDArray[np.uint8]:
+        """Return the records of chunks, whose points and bytes the table has."""
+        out = np.empty(sum(points for points, _ in table) * point, dtype=np.uint8)
+        lazrs.decompress_points_with_chunk_table(
+            data, self.record, out, table, selection.to_lazrs()
+        )
+        return out
 
 
 class Watch:
@@ -208,11 +224,9 @@ def _holds_more(chunks: Chunks, data: bytes, points: int, point: int) -> bool:
         return len(data) >= chunks.head and struct.unpack_from("<I", data, at)[0] > points
     if len(data) <= _SLACK or points * point > _LARGEST_LOOK:
         return False
-    out = np.empty(points * point, dtype=np.uint8)
     try:
-        lazrs.decompress_points_with_chunk_table(
-            data[:-_SLACK], chunks.record, out, [(points, len(data) - _SLACK)]
-        )
+        table = [(points, len(data) - _SLACK)]
+        chunks.decompress(data[:-_SLACK], table, point, DecompressionSelection.all())
     except (lazrs.LazrsError, RuntimeError):
         return False
     return True

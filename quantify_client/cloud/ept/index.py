@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, Optional, Set, Tuple
 
-from ..crs.statements import Stated, Statement, merge
-from ..crs.wkt import statement_of_wkt
-from ..errors import CloudError
-from ..files.reading import count_values
-from ..types import MAX_COORDINATE, Bounds, Window
-from .base import naming, within
+from ...crs.statements import Stated, Statement, merge
+from ...crs.wkt import statement_of_wkt
+from ...errors import CloudError
+from ...files.reading import count_values
+from ...types import MAX_COORDINATE, Bounds
+from ..base import naming, within
 
 AGAIN = "expected a complete EPT set: copy or export the folder again"
 _MAX_JSON = 64 << 20  # bytes
@@ -78,13 +78,6 @@ class EptIndex:
         """How far points may lie outside their cubes: such boxes are often rounded."""
         return _ROUNDING * (self.cube.max_x - self.cube.min_x)
 
-    def widened(self, window: Window) -> Window:
-        """Return a window whose tiles hold all points of the one given."""
-        some = self.rounding
-        return Window(
-            window.min_x - some, window.min_y - some, window.max_x + some, window.max_y + some
-        )
-
     def holds(self, key: str, box: Optional[Bounds]) -> bool:
         """Whether a tile's cube is around a box of points."""
         return box is None or within(box, self.box(key), self.rounding)
@@ -94,8 +87,17 @@ class EptIndex:
         return within(box, self.conforming, self.rounding)
 
     def tile(self, key: str) -> Path:
-        """The file of a tile."""
+        """Return the file of a tile, which may be missing."""
         return _inside(self.root, self.tile_name(key))
+
+    def existing_tile(self, key: str) -> Path:
+        """Return the file of a tile; CloudError when it is missing."""
+        path = self.tile(key)
+        if not path.is_file():
+            raise CloudError(
+                f"{path}: is missing; the hierarchy says it holds {self.tiles[key]} points; {AGAIN}"
+            )
+        return path
 
     def tile_name(self, key: str) -> str:
         """Name of a tile's file within the set."""

@@ -6,23 +6,31 @@ a hostile one must not make us reserve memory for points that it does not hold.
 
 from __future__ import annotations
 
+import math
 import struct
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, Optional
+from typing import Any, BinaryIO, Dict, Iterator, List, Optional, Tuple
 
 import laspy
 import numpy as np
 
-from ..errors import CloudError
-from ..types import MAX_COORDINATE, Bounds
-from .base import naming
-from .laz_chunks import Chunks, read_chunks, require_empty
+from ...crs.geokeys import statement_of
+from ...crs.statements import Stated, Statement
+from ...crs.statements import merge as merged
+from ...crs.wkt import statement_of_wkt
+from ...errors import CloudError
+from ...types import MAX_COORDINATE, Bounds
+from ..base import naming
+from .chunks import Chunks, read_chunks, require_empty
 
 AGAIN = "expected a complete LAS 1.0-1.4 or LAZ file: copy, download or export it again"
 _HEADER_SIZES = {0: 227, 1: 227, 2: 227, 3: 235, 4: 375}
-_VLR, _EVLR = 54, 60  # bytes of a record's own header
-_MAX_WKT = 1 << 20
+RECORD_HEAD = struct.Struct("<H16sHH32s")
+EXTENDED_HEAD = struct.Struct("<H16sHQ32s")
+_AT_HAND = 1 << 20  # bytes of a record that are kept in memory; longer ones stay in their file
+_DOUBLES, _TEXTS = 34736, 34737  # GeoTIFF
+_MOST_TEXT = 1 << 16
 _MOST_BEFORE = 256 << 20  # bytes of header and records before the points; some kB as a rule
 
 
@@ -63,16 +71,20 @@ def read_layout(path: Path) -> LasLayout:
         raw = _RawHeader.read(path, stream)
         raw.check(size)
         raw.require_all_counted(stream, size)
-        wkt = _evlr_wkt(path, stream, raw, size)
+        texts = [  # of the records after the points only the CRS matters
+            record.data
+            for record in _records(stream, raw, size, extended=True)
+            if record.key == ("LASF_Projection", 2112) and record.data is not None
+        ]
         stream.seek(0)
         header = laspy.LasHeader.read_from(stream, read_evlrs=False)
-        if wkt is not None:
-            header.evlrs = laspy.vlrs.vlrlist.VLRList([wkt])
+        for text in texts[-1:]:
+            header.evlrs = [laspy.vlrs.known.WktCoordinateSystemVlr()]
+            header.evlrs[0].parse_record_data(text)
         _check_scales(path, header)
-        compressed = header.are_points_compressed and raw.count
-        if header.are_points_compressed and not raw.count:
-            require_empty(path, stream, raw.offset)
-        chunks = _chunks(path, stream, raw, header) if compressed else None
+        chunks = None
+        if header.are_points_compressed:
+            chunks = _chunks(path, stream, raw, header)
         return LasLayout(path, header, raw.count, raw.offset, header.point_format.size, chunks)
 
 
@@ -123,7 +135,7 @@ class _RawHeader:
                 f"the {_MOST_BEFORE >> 20} MB that are read at most; {AGAIN}"
             )
         room = self.offset - self.size
-        if self.size < _HEADER_SIZES[self.minor] or self.vlrs * _VLR > max(room, 0):
+        if self.size < _HEADER_SIZES[self.minor] or self.vlrs * RECORD_HEAD.size > max(room, 0):
             raise CloudError(f"{self.path}: its header contradicts itself; {AGAIN}")
         if self.compressed:
             return
@@ -155,26 +167,57 @@ class _RawHeader:
             )
 
 
-def _evlr_wkt(path: Path, stream: BinaryIO, raw: _RawHeader, size: int) -> Optional[Any]:
-    """Find the CRS among the extended records, without reading the others (waveforms, say)."""
-    if raw.evlrs * _EVLR > max(size - raw.first_evlr, 0):
-        raise CloudError(f"{path}: is truncated within the records after its points; {AGAIN}")
-    position = raw.first_evlr
-    found = None
-    for _ in range(raw.evlrs):
+@dataclass(frozen=True)
+class Record:
+    """A variable-length record; `data` is None for a long one, which stays in its file."""
+
+    user: str
+    number: int
+    description: bytes
+    extended: bool
+    path: Path
+    offset: int
+    length: int
+    data: Optional[bytes]
+
+    @property
+    def key(self) -> Tuple[str, int]:
+        """What the record is about."""
+        return self.user, self.number
+
+
+def read_records(path: Path) -> List[Record]:
+    """Read the records before and after the points of a file whose header has been checked."""
+    with naming(path, AGAIN), path.open("rb") as stream:
+        raw = _RawHeader.read(path, stream)
+        size = path.stat().st_size
+        return [*_records(stream, raw, size), *_records(stream, raw, size, extended=True)]
+
+
+def _records(
+    stream: BinaryIO, raw: _RawHeader, file_size: int, *, extended: bool = False
+) -> Iterator[Record]:
+    head = EXTENDED_HEAD if extended else RECORD_HEAD
+    position, count = (raw.first_evlr, raw.evlrs) if extended else (raw.size, raw.vlrs)
+    truncated = CloudError(
+        f"{raw.path}: is truncated within its records {'after' if extended else 'before'} its "
+        f"points; {AGAIN}"
+    )
+    if count * head.size > max(file_size - position, 0):
+        raise truncated
+    for _ in range(count):
         stream.seek(position)
-        head = stream.read(_EVLR)
-        if len(head) < _EVLR:
-            raise CloudError(f"{path}: is truncated within the records after its points; {AGAIN}")
-        _, user, record, length = struct.unpack_from("<H16sHQ", head)
-        if (user.rstrip(b"\0"), record) == (b"LASF_Projection", 2112) and length <= _MAX_WKT:
-            data = stream.read(length)
-            found = laspy.vlrs.known.WktCoordinateSystemVlr()
-            found.parse_record_data(data)
-        position += _EVLR + length
-    if position > max(size, raw.first_evlr):
-        raise CloudError(f"{path}: is truncated within the records after its points; {AGAIN}")
-    return found
+        told = stream.read(head.size)
+        if len(told) < head.size:
+            raise truncated
+        _, user, number, length, text = head.unpack(told)
+        position += head.size
+        if position + length > file_size:
+            raise truncated
+        data = stream.read(length) if length <= _AT_HAND else None
+        name = user.split(b"\0")[0].decode("latin-1")
+        yield Record(name, number, text, extended, raw.path, position, length, data)
+        position += length
 
 
 def _check_scales(path: Path, header: Any) -> None:
@@ -189,7 +232,10 @@ def _check_scales(path: Path, header: Any) -> None:
         )
 
 
-def _chunks(path: Path, stream: BinaryIO, raw: _RawHeader, header: Any) -> Chunks:
+def _chunks(path: Path, stream: BinaryIO, raw: _RawHeader, header: Any) -> Optional[Chunks]:
+    if not raw.count:
+        require_empty(path, stream, raw.offset)
+        return None
     records = header.vlrs.get("LasZipVlr")
     if not records:
         raise CloudError(f"{path}: is compressed but has no LASzip record; {AGAIN}")
@@ -201,3 +247,50 @@ def _chunks(path: Path, stream: BinaryIO, raw: _RawHeader, header: Any) -> Chunk
         count=raw.count,
         point=header.point_format.size,
     )
+
+
+def crs_of(header: Any) -> Stated:
+    """Find the CRS of a LAS header (and of the extended records attached to it).
+
+    WKT goes before GeoTIFF keys, which add what it does not say; the WKT that libLAS wrote beside
+    its keys comes last, as programs that change the keys leave it as it was.
+    """
+    records = [*header.vlrs, *(header.evlrs or ())]
+    statements: List[Statement] = []
+    for record in records:
+        if type(record).__name__ == "WktCoordinateSystemVlr":
+            text = record.string.strip("\0 \t\r\n")
+            if text:
+                statements.append(statement_of_wkt(text, "LAS WKT record"))
+    keys, texts = _geo_keys(records)
+    if keys or texts:
+        statements.append(statement_of(keys, texts))
+    for record in records:
+        if (record.user_id, record.record_id) == ("liblas", 2112):
+            text = bytes(record.record_data).decode("utf-8", "replace").strip("\0 \t\r\n")
+            statements += [statement_of_wkt(text, "libLAS WKT record")] if text else []
+    return merged(statements)
+
+
+def _geo_keys(records: Any) -> Tuple[Dict[int, float], Dict[int, str]]:
+    """GeoTIFF keys: those with one finite number, and those with a text."""
+    doubles: Tuple[float, ...] = ()
+    text = ""
+    for record in records:
+        if type(record).__name__ == "GeoDoubleParamsVlr":
+            doubles = tuple(number.value for number in record.doubles)
+        elif type(record).__name__ == "GeoAsciiParamsVlr":
+            text = "\0".join(record.strings)[:_MOST_TEXT]
+    keys: Dict[int, float] = {}
+    texts: Dict[int, str] = {}
+    for record in records:
+        if type(record).__name__ != "GeoKeyDirectoryVlr":
+            continue
+        for key in record.geo_keys:
+            if key.tiff_tag_location == 0:
+                keys[key.id] = int(key.value_offset)
+            elif key.tiff_tag_location == _DOUBLES and key.value_offset < len(doubles):
+                keys[key.id] = doubles[key.value_offset]
+            elif key.tiff_tag_location == _TEXTS:
+                texts[key.id] = text[key.value_offset : key.value_offset + key.count]
+    return {key: value for key, value in keys.items() if math.isfinite(value)}, texts
