@@ -6,6 +6,7 @@ chunks. Nothing here knows a file format.
 
 from __future__ import annotations
 
+from collections import Counter
 from contextlib import contextmanager
 from pathlib import Path
 from typing import (
@@ -13,6 +14,7 @@ from typing import (
     Dict,
     Iterable,
     Iterator,
+    List,
     Optional,
     Protocol,
     Sequence,
@@ -24,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import CloudError, QuantifyError
-from ..types import MAX_COORDINATE, Bounds, Chunk, CloudInfo, Faces, FloatArray, Window
+from ..types import MAX_COORDINATE, Bounds, Chunk, CloudInfo, Faces, FloatArray, Notice, Window
 
 DEFAULT_CHUNK = 1_000_000
 """Points in a chunk: enough to hide the cost of Python, few enough to stay far below 100 MB."""
@@ -35,7 +37,7 @@ OFF_THE_MAP = "coordinate beyond any map"
 NODATA, VOID = "nodata", "nodata beyond any map"
 NO_PLACE = "NaN in all coordinates"
 NOT_FINITE = "NaN or infinite coordinate"
-_NOISE_CLASSES = (7, 18)  # ASPRS: low point (noise) and high noise
+_IS_NOISE = np.isin(np.arange(256), (7, 18))  # ASPRS: low point (noise) and high noise
 _VOID_FROM, _VOID_TO = 1e20, 3.5e38  # what rasters have for no height: 1e20 (CF), 9.97e36 (netCDF),
 # 1.70141e38 (Surfer), 3.4028e38 of either sign (the largest float32: ESRI, GDAL)
 _DEGREES = 360.0  # no longitude or latitude is larger
@@ -83,15 +85,6 @@ class Front:
         return self._cloud.faces() if isinstance(self._cloud, Mesh) else None
 
 
-def _noise_table() -> npt.NDArray[np.bool_]:
-    table = np.zeros(256, dtype=bool)
-    table[list(_NOISE_CLASSES)] = True
-    return table
-
-
-_IS_NOISE = _noise_table()
-
-
 def sort_out(
     x: FloatArray,
     y: FloatArray,
@@ -118,34 +111,37 @@ def sort_out(
         Points that their producer marked as not to be used. A withheld noise point counts as
         noise.
     """
-    noise = _IS_NOISE[classes] if classes is not None else None
+    unwanted = {}
+    if classes is not None:
+        unwanted[NOISE] = _IS_NOISE[classes]
+    if withheld is not None:
+        unwanted[WITHHELD] = withheld
     on_map = _all_on_map(x, y, z)
-    if on_map and (noise is None or not noise.any()) and (withheld is None or not withheld.any()):
+    if on_map and not any(marked.any() for marked in unwanted.values()):
         return Chunk(x, y, z)
-    if noise is None:
-        noise = np.zeros(len(x), dtype=bool)
-    held = np.zeros(len(x), dtype=bool) if withheld is None else withheld & ~noise
-    keep = ~(noise | held)
-    counts = {NOISE: int(noise.sum()), WITHHELD: int(held.sum())}
     if not on_map:
-        for reason, off in _off_the_map(x, y, z):
-            counts[reason] = int((off & keep).sum())
-            keep &= ~off
-    left_out = {reason: count for reason, count in counts.items() if count}
+        unwanted.update(_off_the_map(x, y, z))
+    keep = np.ones(len(x), dtype=bool)
+    left_out = {}
+    for reason, marked in unwanted.items():  # the first reason counts
+        count = int((marked & keep).sum())
+        if count:
+            left_out[reason] = count
+        keep &= ~marked
     return Chunk(x[keep], y[keep], z[keep], left_out, keep)
 
 
-def _off_the_map(
-    x: FloatArray, y: FloatArray, z: FloatArray
-) -> Iterator[Tuple[str, npt.NDArray[np.bool_]]]:
-    """Yield each reason to leave points out and the points concerned; the first reason counts."""
+def _off_the_map(x: FloatArray, y: FloatArray, z: FloatArray) -> Dict[str, npt.NDArray[np.bool_]]:
+    """Return the points concerned by each reason to leave some out."""
     axes = np.array([x, y, z])
-    yield NO_PLACE, np.isnan(axes).all(axis=0)
-    yield NOT_FINITE, ~np.isfinite(axes).all(axis=0)
     reach = np.abs(axes)
     void = (reach[2] >= _VOID_FROM) & (reach[2] <= _VOID_TO)
-    yield VOID, void & (reach[:2] <= MAX_COORDINATE).all(axis=0)
-    yield OFF_THE_MAP, ~(reach <= MAX_COORDINATE).all(axis=0)
+    return {
+        NO_PLACE: np.isnan(axes).all(axis=0),
+        NOT_FINITE: ~np.isfinite(axes).all(axis=0),
+        VOID: void & (reach[:2] <= MAX_COORDINATE).all(axis=0),
+        OFF_THE_MAP: ~(reach <= MAX_COORDINATE).all(axis=0),
+    }
 
 
 def _all_on_map(*axes: FloatArray) -> bool:
@@ -177,12 +173,6 @@ def mostly_sound(path: Path, chunks: Iterable[Chunk]) -> Iterator[Chunk]:
         )
 
 
-def finite_rows(*axes: FloatArray) -> Optional[npt.NDArray[np.bool_]]:
-    """Return which rows have numbers for all coordinates; None for all."""
-    keep: npt.NDArray[np.bool_] = np.logical_and.reduce([np.isfinite(axis) for axis in axes])
-    return None if keep.all() else keep
-
-
 def require_on_map(path: Path, x: FloatArray, y: FloatArray, z: FloatArray, first: int) -> None:
     """Raise CloudError when a coordinate is beyond any map; `first` is the points before these."""
     if not _all_on_map(x, y, z):
@@ -196,7 +186,7 @@ def require_on_map(path: Path, x: FloatArray, y: FloatArray, z: FloatArray, firs
 
 def gather(chunks: Iterable[Chunk], size: int) -> Iterator[Chunk]:
     """Join small chunks until `size` points are together, so that each costs its share only."""
-    waiting: list[Chunk] = []
+    waiting: List[Chunk] = []
     points = 0
     for chunk in chunks:
         if waiting and points + len(chunk) > size:
@@ -208,19 +198,14 @@ def gather(chunks: Iterable[Chunk], size: int) -> Iterator[Chunk]:
         yield _join(waiting)
 
 
-def _join(chunks: list[Chunk]) -> Chunk:
+def _join(chunks: List[Chunk]) -> Chunk:
     if len(chunks) == 1:
         return chunks[0]
-    left_out: Dict[str, int] = {}
+    left_out: Counter[str] = Counter()
     for chunk in chunks:
-        for reason, count in chunk.left_out.items():
-            left_out[reason] = left_out.get(reason, 0) + count
-    return Chunk(
-        np.concatenate([chunk.x for chunk in chunks]),
-        np.concatenate([chunk.y for chunk in chunks]),
-        np.concatenate([chunk.z for chunk in chunks]),
-        left_out,
-    )
+        left_out.update(chunk.left_out)
+    x, y, z = (np.concatenate([getattr(chunk, axis) for chunk in chunks]) for axis in "xyz")
+    return Chunk(x, y, z, dict(left_out))
 
 
 def survey(chunks: Iterable[Chunk]) -> Tuple[int, Optional[Bounds]]:
@@ -231,17 +216,22 @@ def survey(chunks: Iterable[Chunk]) -> Tuple[int, Optional[Bounds]]:
     count : points read, those left out included.
     bounds : box of the points delivered, or None when there are none.
     """
-    count = 0
-    low = np.full(3, np.inf)
-    high = np.full(3, -np.inf)
+    count, bounds = 0, None
     for chunk in chunks:
         count += len(chunk) + sum(chunk.left_out.values())
-        if len(chunk):
-            low = np.minimum(low, [chunk.x.min(), chunk.y.min(), chunk.z.min()])
-            high = np.maximum(high, [chunk.x.max(), chunk.y.max(), chunk.z.max()])
-    if not np.isfinite(low).all():
-        return count, None
-    return count, Bounds(*low.tolist(), *high.tolist())
+        bounds = union([bounds, box_of(chunk)])
+    return count, bounds
+
+
+def union(boxes: Iterable[Optional[Bounds]]) -> Optional[Bounds]:
+    """Return the box of all boxes; None among them do not matter, and None is that of none."""
+    known = [box for box in boxes if box is not None]
+    if not known:
+        return None
+    return Bounds(
+        *(min(getattr(box, f"min_{axis}") for box in known) for axis in "xyz"),
+        *(max(getattr(box, f"max_{axis}") for box in known) for axis in "xyz"),
+    )
 
 
 def touches(bounds: Optional[Bounds], window: Optional[Window]) -> bool:
@@ -291,7 +281,7 @@ def overlap(one: Bounds, other: Bounds) -> bool:
 
 def coarse(
     path: Path, steps: Sequence[float], bounds: Optional[Bounds], count: Optional[int]
-) -> Tuple[str, ...]:
+) -> Tuple[Notice, ...]:
     """Warn where the steps of x, y and z are larger than the points' mean spacing.
 
     Where x and y may be degrees, the spacing says nothing of z.
@@ -309,11 +299,12 @@ def coarse(
     if not large:
         return ()
     axes = ", ".join(f"{axis} in steps of {step:g}" for axis, step in large.items())
-    return (
+    text = (
         f"{path}: its header has {axes}, and the points' mean spacing is {spacing:.2g}: places and "
         "heights are rounded to these steps, and points fall onto each other; export it again with "
-        "a finer scale",
+        "a finer scale"
     )
+    return (Notice("scale-coarse", text, file=str(path), spacing=spacing, steps=large),)
 
 
 @contextmanager

@@ -19,7 +19,7 @@ from laspy import DecompressionSelection
 from ...errors import CloudError
 from ...types import Bounds, FloatArray, Notice
 from .. import text
-from ..base import finite_rows, naming, require_on_map
+from ..base import naming, require_on_map
 from ..ept.cloud import binary_rows, is_scaled, kind_of, laz_tile, scaled
 from ..ept.index import AGAIN as COMPLETE_EPT
 from ..ept.index import EptIndex, read_index
@@ -169,13 +169,11 @@ def _of_table(
         for columns in values(size):
             with np.errstate(invalid="ignore"):  # NaN of single precision, left out below
                 x, y, z = (np.array(columns[axis], dtype=np.float64) for axis in axes)
-            rows, keep = arranged.rows(columns, len(x)), finite_rows(x, y, z)
-            lost = 0
-            if keep is not None:
-                lost = int((~keep).sum())
+            rows, keep = arranged.rows(columns, len(x)), np.isfinite([x, y, z]).all(axis=0)
+            if not keep.all():
                 x, y, z, rows = x[keep], y[keep], z[keep], rows[keep]
             require_on_map(path, x, y, z, done)
-            yield Block(x, y, z, rows, lost)
+            yield Block(x, y, z, rows, len(keep) - len(x))
             done += len(columns[0])
         if done != count:
             raise CloudError(f"{path}: changed while it was read; {advice}")
