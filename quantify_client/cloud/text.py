@@ -7,9 +7,10 @@ once. Numbers have decimal points; ``#`` and ``//`` start comments.
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Iterator, List, Optional, Sequence, TextIO, Tuple
+from typing import Container, Iterator, List, Optional, Sequence, TextIO, Tuple
 
 import numpy as np
 
@@ -35,62 +36,43 @@ _MARKED = re.compile(r"[-+]?1\.#(?:QNAN|SNAN|IND|INF)\d*", re.IGNORECASE)
 _DECIMAL_COMMA = re.compile(r"^\s*[-+]?\d+,\d+[\s;]+[-+]?\d+,\d+([\s;]|$)")
 
 
-class Lines:
-    """Reads on from where a stream is; lines come without their ends."""
+def lines_of(
+    path: Path, stream: TextIO, advice: str, *, skip: int, size: int
+) -> Iterator[List[str]]:
+    """Deliver the lines of a text without their ends, at most `size` at a time.
 
-    def __init__(self, path: Path, stream: TextIO, advice: str) -> None:
-        self._path, self._stream, self._advice = path, stream, advice
-        self._lines: List[str] = []
-        self._at = 0
-        self._rest = ""
+    They are read in blocks, so that they fit into memory however many and however long they are.
 
-    def take(self, most: int) -> List[str]:
-        """Return the next lines, at least one and at most `most`; none at the end of the file.
+    Parameters
+    ----------
+    advice : completes the message about a file that cannot be read.
+    skip : lines at the start that are left out.
 
-        Raises
-        ------
-        CloudError
-            A line is too long to be a row of numbers.
-        """
-        if self.ended:
-            return []
-        lines = self._lines[self._at : self._at + most]
-        self._at += len(lines)
-        return lines
-
-    @property
-    def ended(self) -> bool:
-        """Whether there are no more; raises as `take` does."""
-        while self._at == len(self._lines):  # a block without the end of a line brings none
-            if not self._fill():
-                return True
-        return False
-
-    def skip(self, count: int) -> bool:
-        """Leave out lines; False when the file has fewer."""
-        while count:
-            passed = len(self.take(count))
-            if not passed:
-                return False
-            count -= passed
-        return True
-
-    def _fill(self) -> bool:
-        text = self._stream.read(_BLOCK)
-        lines = (self._rest + text).split("\n")
-        self._rest = lines.pop()
-        if not text and self._rest:
-            lines, self._rest = [self._rest], ""  # the last line has no end
-        if max(len(self._rest), max(map(len, lines), default=0)) > MAX_LINE:
+    Raises
+    ------
+    CloudError
+        A line is too long to be a row of numbers.
+    """
+    while True:
+        with naming(path, advice):
+            text = stream.read(_BLOCK)
+            lines = (text + stream.readline(MAX_LINE + 1)).split("\n")
+        if not text:
+            return
+        if not lines[-1]:  # what follows the end of the last line
+            lines.pop()
+        if max(map(len, lines)) > MAX_LINE:
             raise CloudError(
-                f"{self._path}: has a line of more than {MAX_LINE:,} characters, which no row of "
-                f"numbers has; {self._advice}"
+                f"{path}: has a line of more than {MAX_LINE:,} characters, which no row of "
+                f"numbers has; {advice}"
             )
-        self._lines, self._at = lines, 0
-        return bool(text or lines)
+        skipped = min(skip, len(lines))
+        skip -= skipped
+        for start in range(skipped, len(lines), size):
+            yield lines[start : start + size]
 
 
-@dataclass(frozen=True)
+@dataclass
 class TextTable:
     """How the rows of a file are written.
 
@@ -99,42 +81,89 @@ class TextTable:
     delimiter : what separates columns; None for any white space.
     columns : where x, y, z and, if there is one, the class are.
     lead : lines before the first row.
+    gaps : fields found so far that are empty or no number, and read as NaN.
     """
 
     path: Path
     delimiter: Optional[str]
     columns: Tuple[int, ...]
     lead: int
+    gaps: int = 0
 
-    def rows(self, size: int) -> Iterator[Tuple[List[str], int]]:
-        """Deliver lines, at most `size` at a time, and how many lines come before them."""
+    def numbers(
+        self,
+        size: int,
+        columns: Sequence[int],
+        optional: Container[int] = (),
+        width: Optional[int] = None,
+    ) -> Iterator[FloatArray]:
+        """Deliver (N, M) numbers, one row for each line that is no comment.
+
+        Parameters
+        ----------
+        size : lines at a time, at most.
+        columns : the M columns wanted.
+        optional : those that become NaN where they are missing, or no number.
+        width : fields that a row may have; None for any.
+        """
         number = self.lead
         with naming(self.path, AGAIN):
             stream = opened(self.path)
         with stream:
-            source = Lines(self.path, stream, AGAIN)
-            with naming(self.path, AGAIN):
-                source.skip(number)
-            while True:
-                with naming(self.path, AGAIN):
-                    lines = _without_marks(source.take(min(size, _LINES)))
-                if not lines:
-                    return
-                yield lines, number
+            for lines in lines_of(self.path, stream, AGAIN, skip=number, size=min(size, _LINES)):
+                lines = _without_marks(lines)
+                rows = lines
+                if any(line[:1] in "#/ \t" for line in lines):  # "" is in it, too
+                    rows = [line for line in lines if not is_comment(line)]
+                table = self._fast(rows, None if len(columns) == width else columns)
+                if table.shape != (len(rows), len(columns)):  # slow, and finds what is wrong where
+                    table = np.array(
+                        [
+                            self._row(line, number + index + 1, columns, optional, width)
+                            for index, line in enumerate(lines)
+                            if not is_comment(line)
+                        ]
+                    )
                 number += len(lines)
+                if rows:
+                    yield table
 
+    def _fast(self, rows: List[str], columns: Optional[Sequence[int]]) -> FloatArray:
+        """Return the numbers of rows; none where one of them is irregular."""
+        table: FloatArray = np.empty((0, 0))
+        if rows:
+            with suppress(ValueError, IndexError):
+                table = np.loadtxt(
+                    rows, delimiter=self.delimiter, usecols=columns, comments="#", ndmin=2
+                )
+        return table
 
-def numbers(
-    rows: Sequence[str], delimiter: Optional[str], columns: Optional[Sequence[int]]
-) -> FloatArray:
-    """Return (N, M) numbers of some columns, or of all; ValueError or IndexError if there is one.
-
-    Fewer than N rows come back where some of them are empty.
-    """
-    table: FloatArray = np.loadtxt(
-        rows, dtype=np.float64, delimiter=delimiter, usecols=columns, comments="#", ndmin=2
-    )
-    return table
+    def _row(
+        self,
+        line: str,
+        number: int,
+        columns: Sequence[int],
+        optional: Container[int],
+        width: Optional[int],
+    ) -> List[float]:
+        fields, out = split(line, self.delimiter), []
+        hint = "; decimal commas are not read" if _DECIMAL_COMMA.match(line) else ""
+        bad = CloudError(
+            f"{self.path}: line {number} is {_shown(line)}, with {len(fields)} fields"
+            f"{'' if width is None else f' (the first row has {width})'}; {AGAIN}{hint}"
+        )
+        if width is not None and len(fields) > width:
+            raise bad
+        for column in columns:
+            try:
+                value = float if column in optional else as_number
+                out.append(value(fields[column]))
+            except (IndexError, ValueError):
+                if column not in optional:
+                    raise bad from None
+                out.append(np.nan)
+                self.gaps += 1
+        return out
 
 
 class TextCloud:
@@ -152,40 +181,13 @@ class TextCloud:
         return mostly_sound(self._path, self._sorted(size))
 
     def _sorted(self, size: int) -> Iterator[Chunk]:
-        for lines, number in self._table.rows(size):
-            table = self._parse(lines, number)
-            if len(table):
-                x, y, z = (np.ascontiguousarray(table[:, axis]) for axis in range(3))
-                yield sort_out(x, y, z, _classes(table))
-
-    def _parse(self, lines: List[str], number: int) -> FloatArray:
-        """Return the numbers of rows; `number` is how many lines of the file come before these."""
-        rows = lines
-        if any(line[:1] in "#/ \t" for line in lines):  # "" is in it, too
-            rows = [line for line in lines if not is_comment(line)]
-        columns = self._table.columns
-        if not rows:
-            return np.empty((0, len(columns)))
-        try:
-            return numbers(rows, self._table.delimiter, columns)
-        except (ValueError, IndexError):  # slow, and needed where words stand for NaN
-            return np.array(
-                [
-                    self._row(line, number + index + 1)
-                    for index, line in enumerate(lines)
-                    if not is_comment(line)
-                ]
-            )
-
-    def _row(self, line: str, number: int) -> List[float]:
-        fields = split(line, self._table.delimiter)
-        try:
-            return [as_number(fields[column]) for column in self._table.columns]
-        except (ValueError, IndexError):
-            hint = "; decimal commas are not read" if _DECIMAL_COMMA.match(line) else ""
-            raise CloudError(
-                f"{self._path}: line {number} is {_shown(line)}; {AGAIN}{hint}"
-            ) from None
+        for table in self._table.numbers(size, self._table.columns):
+            x, y, z, *more = (np.ascontiguousarray(column) for column in table.T)
+            classes = None
+            for column in more:
+                known = (column >= 0) & (column < 256)
+                classes = np.where(known, column, 0).astype(np.uint8)
+            yield sort_out(x, y, z, classes)
 
 
 def opened(path: Path) -> TextIO:
@@ -319,10 +321,3 @@ def is_number(field: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _classes(table: FloatArray) -> Optional[np.ndarray[Tuple[int], np.dtype[np.uint8]]]:
-    if table.shape[1] < 4:
-        return None
-    column = table[:, 3]
-    return np.where((column >= 0) & (column < 256), column, 0).astype(np.uint8)

@@ -15,11 +15,9 @@ from typing import Any, Iterator, List, Optional, Sequence, Tuple
 import numpy as np
 import numpy.typing as npt
 
-from ...errors import CloudError
 from ...types import Bounds, Chunk, CloudInfo, Faces, FloatArray, Notice, Window
 from ..base import DEFAULT_CHUNK, mostly_sound, naming, sort_out, survey
-from ..text import Lines
-from .header import AGAIN, PlyHeader, read_header
+from .header import AGAIN, PlyHeader, read_header, truncated
 from .rows import FACES, element_offset, faces_of, read_faces
 
 _CLASS = "classification"
@@ -41,7 +39,7 @@ class VertexTable:
                 self._offset = element_offset(path, self.header, vertex)
                 held = max(path.stat().st_size - self._offset, 0) // self._row.itemsize
                 if held < vertex.count:
-                    raise self._short(held)
+                    raise truncated(path, vertex, held)
 
     def columns(self, wanted: Sequence[int], size: int) -> Iterator[List[npt.NDArray[Any]]]:
         """Deliver some columns of all points, at most `size` rows at a time.
@@ -68,7 +66,7 @@ class VertexTable:
                         values[done : done + len(rows)] = rows[f"f{column}"]
                     done += len(rows)
                 if done < points:
-                    raise self._short(start + done)
+                    raise truncated(self.path, self.header.vertex, start + done)
                 yield out
 
     def _rows(self, stream: BufferedReader, wanted: int) -> Iterator[npt.NDArray[np.void]]:
@@ -82,30 +80,16 @@ class VertexTable:
             wanted = wanted - held if held == len(part) else 0
 
     def _ascii(self, wanted: Sequence[int], size: int) -> Iterator[List[npt.NDArray[Any]]]:
-        header, count, done = self.header, self.header.vertex.count, 0
-        with naming(self.path, AGAIN):
-            stream = self.path.open("r", encoding="ascii", errors="replace")
-        with stream:
-            lines = Lines(self.path, stream, AGAIN)
-            with naming(self.path, AGAIN):
-                lines.skip(header.lines_before(header.vertex))
-            while done < count:
-                with naming(self.path, f"in the rows after point {done}; {AGAIN}"):
-                    rows = lines.take(min(size, _LINES, count - done))
-                    missing = done + len(rows) < count and lines.ended
-                    if missing or not any(map(str.strip, rows)):  # of none numpy would warn
-                        raise self._short(done + len(rows) if missing else done)
-                    table: FloatArray = np.loadtxt(rows, comments=None, usecols=wanted, ndmin=2)
-                    if len(table) < len(rows):
-                        raise self._short(done + len(table))
-                yield list(table.T)
-                done += len(rows)
-
-    def _short(self, held: int) -> CloudError:
-        return CloudError(
-            f"{self.path}: is truncated: its header promises {self.header.vertex.count} points, "
-            f"it holds {held}; {AGAIN}"
-        )
+        vertex, done = self.header.vertex, 0
+        for rows in self.header.lines_of(self.path, vertex, min(size, _LINES)):
+            if not any(map(str.strip, rows)):  # numpy would warn
+                raise truncated(self.path, vertex, done)
+            with naming(self.path, f"in the rows after point {done}; {AGAIN}"):
+                table: FloatArray = np.loadtxt(rows, comments=None, usecols=wanted, ndmin=2)
+            done += len(table)
+            if len(table) < len(rows):
+                raise truncated(self.path, vertex, done)
+            yield list(table.T)
 
 
 class PlyCloud:

@@ -9,12 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Any, BinaryIO, Dict, List, Optional, Tuple
+from typing import Any, BinaryIO, Dict, Iterator, List, Optional, Tuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ...errors import CloudError
+from ..base import naming
+from ..text import lines_of
 
 AGAIN = "expected a complete PLY file: copy, download or export it again"
 _BLOCK = 1 << 20  # bytes of rows at a time
@@ -82,9 +84,25 @@ class PlyHeader:
         """Return the elements whose rows come before those of one of them."""
         return self.elements[: self.elements.index(element)]
 
-    def lines_before(self, element: Element) -> int:
-        """Return how many lines come before those of an element in a file of text."""
-        return self.lines + sum(other.count for other in self.before(element))
+    def lines_of(self, path: Path, element: Element, size: int) -> Iterator[List[str]]:
+        """Deliver the lines of an element of an ascii file, at most `size` at a time."""
+        before = self.lines + sum(other.count for other in self.before(element))
+        taken: List[str] = []
+        done = 0
+        with naming(path, AGAIN):
+            stream = path.open("r", encoding="ascii", errors="replace")
+        with stream:
+            for lines in lines_of(path, stream, AGAIN, skip=before, size=size):
+                if taken:  # held back until it is known that it is not cut off
+                    yield taken
+                taken = lines[: element.count - done]
+                done += len(taken)
+                if done == element.count:
+                    break
+        if done < element.count:
+            raise truncated(path, element, done)
+        if taken:
+            yield taken
 
 
 def plyfile() -> Any:
@@ -227,9 +245,10 @@ def even_length(
     return length, offset + element.count * row.itemsize
 
 
-def truncated(path: Path, element: Element) -> CloudError:
+def truncated(path: Path, element: Element, held: Optional[int] = None) -> CloudError:
     """Make the error of a file that ends among the rows of an element."""
+    what = "points" if element.name == "vertex" else f"rows of '{element.name[:40]}'"
+    found = "it ends before" if held is None else f"it holds {held}"
     return CloudError(
-        f"{path}: is truncated: its header promises {element.count} rows of "
-        f"'{element.name[:40]}', and it ends before; copy or export it again"
+        f"{path}: is truncated: its header promises {element.count} {what}, {found}; {AGAIN}"
     )

@@ -16,7 +16,6 @@ import numpy.typing as npt
 from ...errors import CloudError
 from ...types import Faces, IntArray
 from ..base import naming
-from ..text import Lines
 from .header import AGAIN, Element, PlyHeader, even_length, plyfile, truncated
 
 _ORDERS = {"<": "binary_little_endian", ">": "binary_big_endian"}
@@ -172,23 +171,15 @@ def _binary(path: Path, header: PlyHeader, rows: FaceRows) -> Iterator[Tuple[Int
 
 def _ascii(path: Path, header: PlyHeader, rows: FaceRows) -> Iterator[Tuple[IntArray, IntArray]]:
     element, column = rows  # what comes before the first list is one value each
-    with path.open("r", encoding="ascii", errors="replace") as stream:
-        lines = Lines(path, stream, AGAIN)
-        lines.skip(header.lines_before(element))
-        done = 0
-        while done < element.count:
-            taken = lines.take(min(_TABLE, element.count - done))
-            if not taken:
-                raise truncated(path, element)
-            sizes = np.array([_length(path, line, column) for line in taken])
-            corners = np.empty(sizes.sum(), dtype=np.int64)
-            first = np.cumsum(sizes) - sizes
-            for size in np.unique(sizes[sizes > 0]).tolist():
-                same = np.flatnonzero(sizes == size)
-                table = _numbers([taken[row] for row in same.tolist()], column + 1, size)
-                corners[first[same][:, None] + np.arange(size)] = table
-            yield corners, sizes
-            done += len(taken)
+    for lines in header.lines_of(path, element, _TABLE):
+        sizes = np.array([_length(path, line, column) for line in lines])
+        corners = np.empty(sizes.sum(), dtype=np.int64)
+        first = np.cumsum(sizes) - sizes
+        for size in np.unique(sizes[sizes > 0]).tolist():
+            same = np.flatnonzero(sizes == size)
+            table = _numbers([lines[row] for row in same.tolist()], column + 1, size)
+            corners[first[same][:, None] + np.arange(size)] = table
+        yield corners, sizes
 
 
 def _length(path: Path, line: str, column: int) -> int:

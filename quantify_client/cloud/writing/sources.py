@@ -10,7 +10,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Any, Callable, Iterator, List, NamedTuple, Optional, Sequence, Set, Tuple
+from typing import Any, Callable, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 import numpy.typing as npt
@@ -242,105 +242,51 @@ def _typed(path: Path, name: str, kind: str, values: FloatArray) -> npt.NDArray[
         return values.astype(wanted)
 
 
-class _TextColumns:
-    """One CSV, XYZ or TXT file with all its columns."""
-
-    def __init__(self, path: Path) -> None:
-        self._table = text.read_table(path)
-        self._path, self.axes = path, self._table.columns[:3]
-        names, first = self._names()
-        if max(self.axes) >= len(first):
-            raise CloudError(
-                f"{path}: line {self._table.lead + 1} has {len(first)} fields, fewer than the "
-                f"names of columns promise; {text.AGAIN}"
-            )
-        self.columns: List[Column] = [(name, "<f8") for name in names]
-        words = (index for index, field in enumerate(first) if field and not text.is_number(field))
-        self.words = set(words) - set(self.axes)
-        self.gaps = 0
-
-    def _names(self) -> Tuple[List[str], List[str]]:
-        """Return the columns' names, as far as the file has them, and the fields of row 1."""
-        delimiter = self._table.delimiter
-        with naming(self._path, text.AGAIN), text.opened(self._path) as stream:
-            lead = [line.strip().lstrip("#/ \t") for line in islice(stream, self._table.lead)]
-            first = text.split(stream.readline(text.MAX_LINE), delimiter)
-        told = text.split(next(filter(None, reversed(lead)), ""), delimiter)
-        if text.named_columns(told) is None:
-            told = []
-        return [*told, *[""] * len(first)][: len(first)], first
-
-    def values(self, size: int) -> Iterator[Values]:
-        """Deliver all columns, NaN for words and gaps."""
-        for lines, number in self._table.rows(size):
-            rows = [line for line in lines if not text.is_comment(line)]
-            if rows:
-                yield list(self._numbers(lines, rows, number).T)
-
-    def _numbers(self, lines: List[str], rows: List[str], number: int) -> FloatArray:
-        """Return rows of numbers; `number` is how many lines come before these."""
-        use = [index for index in range(len(self.columns)) if index not in self.words]
-        try:  # without words no columns are chosen, so that rows of differing length are an error
-            read = text.numbers(rows, self._table.delimiter, use if self.words else None)
-        except (IndexError, ValueError):
-            read = np.empty((0, 0))
-        if read.shape == (len(rows), len(use)):
-            out: FloatArray = np.full((len(rows), len(self.columns)), np.nan)
-            out[:, use] = read
-            return out
-        return np.array(
-            [
-                self._row(line, number + index + 1)
-                for index, line in enumerate(lines)
-                if not text.is_comment(line)
-            ]
-        )
-
-    def _row(self, line: str, number: int) -> List[float]:
-        """Read one row field by field; what is neither a coordinate nor a number becomes NaN."""
-        fields = text.split(line, self._table.delimiter)
-        out = [np.nan] * len(self.columns)
-        bad: Set[int] = set()
-        for index in range(len(out)):
-            try:
-                number_of = text.as_number if index in self.axes else float
-                out[index] = number_of(fields[index])
-            except (IndexError, ValueError):
-                bad.add(index)
-        if bad & set(self.axes) or len(fields) > len(out):
-            raise CloudError(
-                f"{self._path}: line {number} is {line.strip()[:60]!r}, with {len(fields)} fields; "
-                f"the first row has {len(out)}; {text.AGAIN}"
-            )
-        self.gaps += len(bad - self.words)
-        return out
-
-
 def _of_text(path: Path) -> PointSource:
     """Return a file of text, which is read once now, since it has no header to ask."""
-    table = _TextColumns(path)
-    apart = {*table.axes, *table.words}
-    fields = named_fields(table.columns, apart)
-    empty, count = set(range(len(table.columns))) - apart, 0
-    for values in table.values(_ROWS):
-        count += len(values[0])
-        for index in misfits(values, fields):
+    table = text.read_table(path)
+    axes, (names, first) = table.columns[:3], _names(table)
+    if max(axes) >= len(first):
+        raise CloudError(
+            f"{path}: line {table.lead + 1} has {len(first)} fields, fewer than the names of "
+            f"columns promise; {text.AGAIN}"
+        )
+    columns = [(name, "<f8") for name in names]
+    words = {i for i, field in enumerate(first) if field and not text.is_number(field)} - {*axes}
+    use = [index for index in range(len(columns)) if index not in words]
+
+    def values(size: int) -> Iterator[Values]:
+        for numbers in table.numbers(size, use, {*use} - {*axes}, len(columns)):
+            out: FloatArray = np.full((len(columns), len(numbers)), np.nan)
+            out[use] = numbers.T
+            yield list(out)
+
+    fields = named_fields(columns, {*axes, *words})
+    empty, count = {*use} - {*axes}, 0
+    for read in values(_ROWS):
+        count += len(read[0])
+        for index in misfits(read, fields):
             del fields[index]
-        empty = {index for index in empty if np.isnan(values[index]).all()}
-    arranged = arrange(table.columns, fields, apart | empty)
-    return _of_table(
-        path, count, table.axes, arranged, table.values, text.AGAIN, warnings=_remarks(path, table)
-    )
-
-
-def _remarks(path: Path, table: _TextColumns) -> Tuple[Notice, ...]:
-    found: Tuple[Notice, ...] = ()
-    if table.words:
-        lost = [table.columns[index][0] or f"column-{index + 1}" for index in sorted(table.words)]
-        told = f"{path}: columns of words are left out: {', '.join(lost[:5])[:200]}"
-        found += (Notice("text-columns-left-out", told, file=str(path), columns=len(lost)),)
+        empty = {index for index in empty if np.isnan(read[index]).all()}
+    warnings = []
+    if words:
+        lost = ", ".join([names[i] or f"column-{i + 1}" for i in sorted(words)][:5])[:200]
+        told = f"{path}: columns of words are left out: {lost}"
+        warnings.append(Notice("text-columns-left-out", told, file=str(path), columns=len(words)))
     if table.gaps:
-        fields = "1 field is" if table.gaps == 1 else f"{table.gaps} fields are"
-        told = f"{path}: {fields} empty or no number, and written as NaN"
-        found += (Notice("text-fields-empty", told, file=str(path), fields=table.gaps),)
-    return found
+        gaps = "1 field is" if table.gaps == 1 else f"{table.gaps} fields are"
+        told = f"{path}: {gaps} empty or no number, and written as NaN"
+        warnings.append(Notice("text-fields-empty", told, file=str(path), fields=table.gaps))
+    arranged = arrange(columns, fields, {*axes, *words, *empty})
+    return _of_table(path, count, axes, arranged, values, text.AGAIN, warnings=warnings)
+
+
+def _names(table: text.TextTable) -> Tuple[List[str], List[str]]:
+    """Return the columns' names, as far as the file has them, and the fields of its first row."""
+    with naming(table.path, text.AGAIN), text.opened(table.path) as stream:
+        lead = [line.strip().lstrip("#/ \t") for line in islice(stream, table.lead)]
+        first = text.split(stream.readline(text.MAX_LINE), table.delimiter)
+    told = text.split(next(filter(None, reversed(lead)), ""), table.delimiter)
+    if text.named_columns(told) is None:
+        told = []
+    return [*told, *[""] * len(first)][: len(first)], first
