@@ -68,103 +68,79 @@ def read_layout(path: Path) -> LasLayout:
     """
     with naming(path, AGAIN), path.open("rb") as stream:
         size = path.stat().st_size
-        raw = _RawHeader.read(path, stream)
-        raw.check(size)
-        raw.require_all_counted(stream, size)
-        texts = [  # of the records after the points only the CRS matters
-            record.data
-            for record in _records(stream, raw, size, extended=True)
-            if record.key == ("LASF_Projection", 2112) and record.data is not None
-        ]
-        stream.seek(0)
-        header = laspy.LasHeader.read_from(stream, read_evlrs=False)
-        for text in texts[-1:]:
-            header.evlrs = [laspy.vlrs.known.WktCoordinateSystemVlr()]
-            header.evlrs[0].parse_record_data(text)
-        _check_scales(path, header)
-        chunks = None
-        if header.are_points_compressed:
-            chunks = _chunks(path, stream, raw, header)
-        return LasLayout(path, header, raw.count, raw.offset, header.point_format.size, chunks)
+        header = _read_header(path, stream, size)
+        _require_places(path, header)
+        count, offset = header.point_count, header.offset_to_point_data
+        length, chunks = header.point_format.size, None
+        if not header.are_points_compressed:
+            _require_all(path, stream, header, size)
+        elif not count:
+            require_empty(path, stream, offset)
+        else:
+            records = header.vlrs.get("LasZipVlr")
+            if not records:
+                raise CloudError(f"{path}: is compressed but has no LASzip record; {AGAIN}")
+            record = bytes(records[0].record_data)
+            chunks = read_chunks(path, stream, record, offset=offset, count=count, point=length)
+        return LasLayout(path, header, count, offset, length, chunks)
 
 
-@dataclass(frozen=True)
-class _RawHeader:
-    """The numbers of a LAS header that decide how much is read."""
+def _read_header(path: Path, stream: BinaryIO, file_size: int) -> Any:
+    """Return laspy's header, with a CRS from the records after the points.
 
-    path: Path
-    minor: int
-    size: int
-    offset: int
-    vlrs: int
-    compressed: bool
-    record_length: int
-    count: int
-    first_evlr: int
-    evlrs: int
-    waves: int
-
-    @classmethod
-    def read(cls, path: Path, stream: BinaryIO) -> _RawHeader:
-        head = stream.read(375)
-        if head[:4] != b"LASF":
-            raise CloudError(f"{path}: is not a LAS or LAZ file (no 'LASF' at its start); {AGAIN}")
-        major, minor = (head[24], head[25]) if len(head) > 25 else (1, 4)
-        if major != 1 or minor not in _HEADER_SIZES:
-            raise CloudError(f"{path}: is LAS {major}.{minor}; expected 1.0 to 1.4: convert it")
-        if len(head) < _HEADER_SIZES[minor]:
-            raise CloudError(f"{path}: is truncated within its header; {AGAIN}")
-        size, offset, vlrs, kind, length, count = struct.unpack_from("<HIIBHI", head, 94)
-        first_evlr = evlrs = waves = 0
-        if minor >= 3:
-            waves = struct.unpack_from("<Q", head, 227)[0]
-        if minor >= 4:
-            first_evlr, evlrs, count = struct.unpack_from("<QIQ", head, 235)
-        compressed = bool(kind & 0x80)
-        return cls(
-            path, minor, size, offset, vlrs, compressed, length, count, first_evlr, evlrs, waves
+    Only numbers that decide how much is read are looked at before.
+    """
+    head = stream.read(375)
+    if head[:4] != b"LASF":
+        raise CloudError(f"{path}: is not a LAS or LAZ file (no 'LASF' at its start); {AGAIN}")
+    major, minor = (head[24], head[25]) if len(head) > 25 else (1, 4)
+    if major != 1 or minor not in _HEADER_SIZES:
+        raise CloudError(f"{path}: is LAS {major}.{minor}; expected 1.0 to 1.4: convert it")
+    if len(head) < _HEADER_SIZES[minor]:
+        raise CloudError(f"{path}: is truncated within its header; {AGAIN}")
+    size, offset, records = struct.unpack_from("<HII", head, 94)
+    if offset > file_size:
+        raise CloudError(f"{path}: is truncated before its first point; {AGAIN}")
+    if offset > _MOST_BEFORE:
+        raise CloudError(
+            f"{path}: has {offset >> 20} MB of records before its points, more than the "
+            f"{_MOST_BEFORE >> 20} MB that are read at most; {AGAIN}"
         )
+    if size < _HEADER_SIZES[minor] or records * RECORD_HEAD.size > max(offset - size, 0):
+        raise CloudError(f"{path}: its header contradicts itself; {AGAIN}")
+    stream.seek(0)
+    header = laspy.LasHeader.read_from(stream, read_evlrs=False)
+    for record in _records(path, stream, header, extended=True):  # others may be wave forms
+        if record.key == ("LASF_Projection", 2112) and record.data is not None:
+            header.evlrs = [laspy.vlrs.known.WktCoordinateSystemVlr()]
+            header.evlrs[0].parse_record_data(record.data)
+    return header
 
-    def check(self, file_size: int) -> None:
-        """Raise when the file cannot hold what the header promises."""
-        if self.offset > file_size:
-            raise CloudError(f"{self.path}: is truncated before its first point; {AGAIN}")
-        if self.offset > _MOST_BEFORE:
-            raise CloudError(
-                f"{self.path}: has {self.offset >> 20} MB of records before its points, more than "
-                f"the {_MOST_BEFORE >> 20} MB that are read at most; {AGAIN}"
-            )
-        room = self.offset - self.size
-        if self.size < _HEADER_SIZES[self.minor] or self.vlrs * RECORD_HEAD.size > max(room, 0):
-            raise CloudError(f"{self.path}: its header contradicts itself; {AGAIN}")
-        if self.compressed:
-            return
-        held = (file_size - self.offset) // max(self.record_length, 1)
-        if held < self.count:
-            raise CloudError(
-                f"{self.path}: is truncated: its header promises {self.count} points, "
-                f"it holds {held}; {AGAIN}"
-            )
 
-    def require_all_counted(self, stream: BinaryIO, file_size: int) -> None:
-        """Raise when there are more records than the header promises.
+def _require_all(path: Path, stream: BinaryIO, header: Any, file_size: int) -> None:
+    """Raise when there are fewer records than the header promises, or more.
 
-        What follows the points may be extended records, wave forms or padding.
-        """
-        if self.compressed or not self.record_length:
-            return
-        first = self.offset + self.count * self.record_length
-        follow = [at for at in (self.evlrs and self.first_evlr, self.waves) if at >= first]
-        spare = min([file_size, *follow]) - first
-        if spare < self.record_length or (self.count and spare % self.record_length):
-            return
-        stream.seek(first)
-        if stream.read(self.record_length).strip(b"\0"):
-            raise CloudError(
-                f"{self.path}: its header promises {self.count} points, and "
-                f"{spare // self.record_length} more records follow them, which would be lost; "
-                "expected a header that counts them all: write or export it again"
-            )
+    What follows the points may be extended records, wave forms or padding.
+    """
+    count, length = header.point_count, header.point_format.size
+    held = (file_size - header.offset_to_point_data) // length
+    if held < count:
+        raise CloudError(
+            f"{path}: is truncated: its header promises {count} points, it holds {held}; {AGAIN}"
+        )
+    first = header.offset_to_point_data + count * length
+    after = header.start_of_first_evlr if header.number_of_evlrs else 0
+    follow = [at for at in (after, header.start_of_waveform_data_packet_record) if at >= first]
+    spare = min([file_size, *follow]) - first
+    if spare < length or (count and spare % length):
+        return
+    stream.seek(first)
+    if stream.read(length).strip(b"\0"):
+        raise CloudError(
+            f"{path}: its header promises {count} points, and {spare // length} more records "
+            "follow them, which would be lost; expected a header that counts them all: write or "
+            "export it again"
+        )
 
 
 @dataclass(frozen=True)
@@ -186,41 +162,41 @@ class Record:
         return self.user, self.number
 
 
-def read_records(path: Path) -> List[Record]:
-    """Read the records before and after the points of a file whose header has been checked."""
-    with naming(path, AGAIN), path.open("rb") as stream:
-        raw = _RawHeader.read(path, stream)
-        size = path.stat().st_size
-        return [*_records(stream, raw, size), *_records(stream, raw, size, extended=True)]
+def read_records(layout: LasLayout) -> List[Record]:
+    """Read the records before and after the points."""
+    with naming(layout.path, AGAIN), layout.path.open("rb") as stream:
+        before = _records(layout.path, stream, layout.header)
+        return [*before, *_records(layout.path, stream, layout.header, extended=True)]
 
 
 def _records(
-    stream: BinaryIO, raw: _RawHeader, file_size: int, *, extended: bool = False
+    path: Path, stream: BinaryIO, header: Any, *, extended: bool = False
 ) -> Iterator[Record]:
-    head = EXTENDED_HEAD if extended else RECORD_HEAD
-    position, count = (raw.first_evlr, raw.evlrs) if extended else (raw.size, raw.vlrs)
-    truncated = CloudError(
-        f"{raw.path}: is truncated within its records {'after' if extended else 'before'} its "
-        f"points; {AGAIN}"
-    )
-    if count * head.size > max(file_size - position, 0):
-        raise truncated
+    """Deliver the records after the points, or before them."""
+    if extended:
+        head, position, count = EXTENDED_HEAD, header.start_of_first_evlr, header.number_of_evlrs
+    else:
+        stream.seek(94)
+        position, _, count = struct.unpack("<HII", stream.read(10))
+        head = RECORD_HEAD
+    size = path.stat().st_size
     for _ in range(count):
         stream.seek(position)
         told = stream.read(head.size)
-        if len(told) < head.size:
-            raise truncated
-        _, user, number, length, text = head.unpack(told)
         position += head.size
-        if position + length > file_size:
-            raise truncated
+        _, user, number, length, text = head.unpack(told.ljust(head.size, b"\0"))
+        if position + length > size:
+            raise CloudError(
+                f"{path}: is truncated within the records {'after' if extended else 'before'} its "
+                f"points; {AGAIN}"
+            )
         data = stream.read(length) if length <= _AT_HAND else None
         name = user.split(b"\0")[0].decode("latin-1")
-        yield Record(name, number, text, extended, raw.path, position, length, data)
+        yield Record(name, number, text, extended, path, position, length, data)
         position += length
 
 
-def _check_scales(path: Path, header: Any) -> None:
+def _require_places(path: Path, header: Any) -> None:
     """No 32-bit integer may come out beyond any map, so that no point needs a check of its own."""
     with np.errstate(over="ignore", invalid="ignore"):
         reach = np.abs(header.scales) * 2.0**31 + np.abs(header.offsets)
@@ -230,23 +206,6 @@ def _check_scales(path: Path, header: Any) -> None:
             f"{header.offsets.tolist()}; expected no scale 0, and coordinates of at most "
             f"{MAX_COORDINATE:.0e}: export it again"
         )
-
-
-def _chunks(path: Path, stream: BinaryIO, raw: _RawHeader, header: Any) -> Optional[Chunks]:
-    if not raw.count:
-        require_empty(path, stream, raw.offset)
-        return None
-    records = header.vlrs.get("LasZipVlr")
-    if not records:
-        raise CloudError(f"{path}: is compressed but has no LASzip record; {AGAIN}")
-    return read_chunks(
-        path,
-        stream,
-        bytes(records[0].record_data),
-        offset=raw.offset,
-        count=raw.count,
-        point=header.point_format.size,
-    )
 
 
 def crs_of(header: Any) -> Stated:

@@ -98,7 +98,7 @@ def open_sources(path: Path) -> List[PointSource]:
 
 def _of_las(layout: LasLayout) -> PointSource:
     path, header = layout.path, layout.header
-    records = read_records(path)
+    records = read_records(layout)
     described = b"".join(r.data or b"" for r in records if r.key == ("LASF_Spec", 4))
     schema = schema_of(int(header.point_format.id), layout.record_length, described)
     before = bytes(header.extra_vlr_bytes)
