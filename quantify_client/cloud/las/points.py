@@ -19,7 +19,6 @@ from laspy import DecompressionSelection
 from ...errors import CloudError
 from ...types import Bounds, Chunk, CloudInfo, FloatArray, Notice, Window
 from ..base import DEFAULT_CHUNK, box_of, coarse, naming, overlap, sort_out, survey, within
-from .chunks import Watch
 from .header import AGAIN, LasLayout, crs_of
 
 Bytes = npt.NDArray[np.uint8]
@@ -170,12 +169,15 @@ def record_reader(
     chunks = layout.chunks
     if chunks is None:
         return lambda part: _fill(layout.path, stream, part)
-    watch = Watch(chunks, stack.enter_context(layout.path.open("rb")))
+    checked, ready = chunks.checked(stack.enter_context(layout.path.open("rb"))), 0
     decompressor = lazrs.ParLasZipDecompressor if chunks.parallel else lazrs.LasZipDecompressor
     source = decompressor(stream, chunks.record, selection.to_lazrs())
 
     def read(part: Bytes) -> None:
-        watch.admit(len(part) // layout.record_length)
+        nonlocal ready
+        ready -= len(part) // layout.record_length
+        while ready < 0:
+            ready += next(checked)  # there are enough: the table was held against the header
         source.decompress_many(part)
 
     return read
