@@ -50,7 +50,6 @@ class Cloud(Protocol):
     @property
     def info(self) -> CloudInfo:
         """What is known before the points are read."""
-        ...
 
     def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
         """Deliver the points, at most `size` at a time.
@@ -59,7 +58,6 @@ class Cloud(Protocol):
         points outside may still come. Raises :class:`CloudError` when fewer points can be read
         than the header promises.
         """
-        ...
 
 
 @runtime_checkable
@@ -71,7 +69,6 @@ class Mesh(Cloud, Protocol):
 
         Raises :class:`CloudError` where they are damaged.
         """
-        ...
 
 
 class Front:

@@ -104,16 +104,14 @@ def _is_any(values: FloatArray, wanted: Sequence[float]) -> npt.NDArray[np.bool_
 
 
 def _at_origin(chunk: Chunk) -> npt.NDArray[np.bool_]:
-    found: npt.NDArray[np.bool_] = (np.abs([chunk.x, chunk.y, chunk.z]) <= _NEAR).all(axis=0)
-    return found
+    return np.asarray((np.abs([chunk.x, chunk.y, chunk.z]) <= _NEAR).all(axis=0))
 
 
 class _Spread(NamedTuple):
-    """The other heights: all but the outliers at either end, and how many there are."""
+    """The other heights: all but the outliers at either end."""
 
     low: float
     high: float
-    count: int
 
     def distance(self, value: float) -> float:
         """How far from them a value is; 0 among them."""
@@ -197,14 +195,13 @@ class _Census:
     def _spread(self) -> Optional[_Spread]:
         total = int(self._classes.sum())
         if not total:  # where no height is any other, 0 is one
-            zeros = self._exact.get(0.0, 0)
-            return _Spread(0.0, 0.0, zeros) if zeros else None
+            return _Spread(0.0, 0.0) if self._exact.get(0.0) else None
         share = np.cumsum(self._classes)
         first = int(np.searchsorted(share, _OUTSIDE * total, side="right"))
         last = int(np.searchsorted(share, total - _OUTSIDE * total, side="left"))
         edges = np.concatenate([[-MAX_COORDINATE], _EDGES, [MAX_COORDINATE]])
         low, high = max(edges[first], self._low[2]), min(edges[last + 1], self._high[2])
-        return _Spread(float(low), float(high), total)
+        return _Spread(float(low), float(high))
 
     def _box(
         self, known: Optional[Bounds], void: Sequence[float], origin: bool

@@ -112,10 +112,11 @@ def _read_tile(index: EptIndex, key: str, size: int) -> Iterator[Chunk]:
             x, y, z = (
                 np.asarray(scaled(rows, index, columns[axis]), dtype=np.float64) for axis in "XYZ"
             )
-            classes, withheld = (
-                rows[str(columns[name])].astype(kind) if name in columns else None
-                for name, kind in (("Classification", np.uint8), ("Withheld", np.bool_))
-            )
+        classes = withheld = None
+        if "Classification" in columns:
+            classes = rows[str(columns["Classification"])].astype(np.uint8)
+        if "Withheld" in columns:
+            withheld = rows[str(columns["Withheld"])].astype(bool)
         yield sort_out(x, y, z, classes, withheld)
 
 

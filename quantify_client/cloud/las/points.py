@@ -7,7 +7,6 @@ compressed field by field, so that the other fields are not even decompressed.
 from __future__ import annotations
 
 from contextlib import ExitStack
-from io import BufferedReader
 from pathlib import Path
 from typing import Any, BinaryIO, Callable, Iterator, Optional, Tuple
 
@@ -168,7 +167,12 @@ def record_reader(
     stream.seek(layout.offset)
     chunks = layout.chunks
     if chunks is None:
-        return lambda part: _fill(layout.path, stream, part)
+
+        def fill(part: Bytes) -> None:
+            if stream.readinto(part.data) != len(part):
+                raise CloudError(f"{layout.path}: became shorter while it was read; {AGAIN}")
+
+        return fill
     checked, ready = chunks.checked(stack.enter_context(layout.path.open("rb"))), 0
     decompressor = lazrs.ParLasZipDecompressor if chunks.parallel else lazrs.LasZipDecompressor
     source = decompressor(stream, chunks.record, selection.to_lazrs())
@@ -181,11 +185,6 @@ def record_reader(
         source.decompress_many(part)
 
     return read
-
-
-def _fill(path: Path, stream: BufferedReader, part: Bytes) -> None:
-    if stream.readinto(part.data) != len(part):
-        raise CloudError(f"{path}: became shorter while it was read; {AGAIN}")
 
 
 def decode(layout: LasLayout, records: Bytes) -> Chunk:

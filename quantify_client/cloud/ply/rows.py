@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from io import BytesIO
 from pathlib import Path
-from typing import Any, BinaryIO, Iterator, List, NamedTuple, Optional, Tuple
+from typing import Any, BinaryIO, Iterator, NamedTuple, Optional, Tuple
 
 import numpy as np
 import numpy.typing as npt
@@ -57,22 +57,15 @@ def element_offset(path: Path, header: PlyHeader, wanted: Element) -> int:
     for element in header.before(wanted):
         length, end = even_length(path, element, header.order, offset, size)
         if length is None:
-            end = _walk(path, element, header.order, offset)
+            with path.open("rb") as stream:
+                stream.seek(offset)
+                for _ in _one_by_one(path, stream, element, header.order):
+                    pass
+                end = stream.tell()
         if end > size:
-            raise CloudError(
-                f"{path}: is truncated before its '{wanted.name[:40]}'; copy or export it again"
-            )
+            raise truncated(path, element)
         offset = end
     return offset
-
-
-def _walk(path: Path, element: Element, order: str, offset: int) -> int:
-    """Return where rows of differing length end."""
-    with path.open("rb") as stream:
-        stream.seek(offset)
-        for _ in _one_by_one(path, stream, element, order):
-            pass
-        return stream.tell()
 
 
 def _one_by_one(
@@ -85,7 +78,7 @@ def _one_by_one(
             f"ends before them), of which at most {_MOST_WALKED} are gone over; export it again, "
             "as triangles or without faces"
         )
-    columns = "".join(_line(index, element) for index in range(len(element.properties)))
+    columns = "".join(f"{column.line}\n" for column in element.properties)
     package, size = plyfile(), path.stat().st_size
     for start in range(0, element.count, _ROWS):
         rows = min(_ROWS, element.count - start)
@@ -95,15 +88,6 @@ def _one_by_one(
         except package.PlyElementParseError:
             raise truncated(path, element) from None
         yield read["row"].data
-
-
-def _line(index: int, element: Element) -> str:
-    """Return the header's line for a column, named by its number."""
-    names = {"i1": "char", "u1": "uchar", "i2": "short", "u2": "ushort"}
-    names.update({"i4": "int", "u4": "uint", "f4": "float", "f8": "double"})
-    column = element.properties[index]
-    length = f"list {names[column.length_kind]} " if column.length_kind else ""
-    return f"property {length}{names[column.kind]} f{index}\n"
 
 
 class _Headed:
@@ -166,7 +150,7 @@ def _binary(path: Path, header: PlyHeader, rows: FaceRows) -> Iterator[Tuple[Int
             table = np.fromfile(stream, layout, wanted)
             if len(table) < wanted:
                 raise truncated(path, element)
-            yield table[f"list{column}"].astype(np.int64).ravel(), np.full(wanted, length)
+            yield table[f"f{column}"].astype(np.int64).ravel(), np.full(wanted, length)
 
 
 def _ascii(path: Path, header: PlyHeader, rows: FaceRows) -> Iterator[Tuple[IntArray, IntArray]]:
@@ -177,7 +161,9 @@ def _ascii(path: Path, header: PlyHeader, rows: FaceRows) -> Iterator[Tuple[IntA
         first = np.cumsum(sizes) - sizes
         for size in np.unique(sizes[sizes > 0]).tolist():
             same = np.flatnonzero(sizes == size)
-            table = _numbers([lines[row] for row in same.tolist()], column + 1, size)
+            wanted = range(column + 1, column + 1 + size)
+            rest = [lines[row] for row in same.tolist()]
+            table: IntArray = np.loadtxt(rest, np.int64, comments=None, usecols=wanted, ndmin=2)
             corners[first[same][:, None] + np.arange(size)] = table
         yield corners, sizes
 
@@ -193,12 +179,6 @@ def _length(path: Path, line: str, column: int) -> int:
             "their numbers: export it again"
         ) from None
     return count
-
-
-def _numbers(lines: List[str], first: int, count: int) -> IntArray:
-    columns = range(first, first + count)
-    table: IntArray = np.loadtxt(lines, np.int64, comments=None, usecols=columns, ndmin=2)
-    return table
 
 
 def _unrolled(corners: IntArray, sizes: IntArray) -> Tuple[IntArray, IntArray]:

@@ -112,9 +112,10 @@ def _of_las(layout: LasLayout) -> PointSource:
         again = read_layout(path)  # not held, either
         if again.count != count:
             raise CloudError(f"{path}: changed while it was read; {COMPLETE_LAS}")
+        scales, offsets = again.header.scales.tolist(), again.header.offsets.tolist()
         for rows in _las_rows(again, schema, size):
-            scales, offsets = again.header.scales.tolist(), again.header.offsets.tolist()
-            yield Block(*(rows[a] * s + o for a, s, o in zip("XYZ", scales, offsets)), rows)
+            x, y, z = (rows["XYZ"[axis]] * scales[axis] + offsets[axis] for axis in range(3))
+            yield Block(x, y, z, rows)
 
     return PointSource(
         path,
@@ -169,12 +170,13 @@ def _of_table(
         for columns in values(size):
             with np.errstate(invalid="ignore"):  # NaN of single precision, left out below
                 x, y, z = (np.array(columns[axis], dtype=np.float64) for axis in axes)
-            rows, keep = arranged.rows(columns, len(x)), np.isfinite([x, y, z]).all(axis=0)
+            rows, read = arranged.rows(columns, len(x)), len(x)
+            keep = np.isfinite([x, y, z]).all(axis=0)
             if not keep.all():
                 x, y, z, rows = x[keep], y[keep], z[keep], rows[keep]
             require_on_map(path, x, y, z, done)
-            yield Block(x, y, z, rows, len(keep) - len(x))
-            done += len(columns[0])
+            yield Block(x, y, z, rows, lost=read - len(x))
+            done += read
         if done != count:
             raise CloudError(f"{path}: changed while it was read; {advice}")
 
