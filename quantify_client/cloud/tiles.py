@@ -38,12 +38,8 @@ class TiledCloud:
 
     def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
         """Deliver the points of every tile whose bounds touch `window`."""
-        return gather(self._each(window, size), size)
-
-    def _each(self, window: Optional[Window], size: int) -> Iterator[Chunk]:
-        for cloud in self._clouds:
-            if touches(cloud.info.bounds, window):
-                yield from cloud.chunks(window, size)
+        near = (cloud for cloud in self._clouds if touches(cloud.info.bounds, window))
+        return gather((chunk for cloud in near for chunk in cloud.chunks(window, size)), size)
 
 
 def require_distinct(paths: Sequence[Path]) -> None:

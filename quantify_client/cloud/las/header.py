@@ -8,9 +8,22 @@ from __future__ import annotations
 
 import math
 import struct
+from collections import defaultdict
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, Dict, Iterator, List, Optional, Tuple
+from typing import (
+    Any,
+    BinaryIO,
+    DefaultDict,
+    Dict,
+    Iterable,
+    Iterator,
+    List,
+    Mapping,
+    Optional,
+    Sequence,
+    Tuple,
+)
 
 import laspy
 import numpy as np
@@ -209,47 +222,44 @@ def _require_places(path: Path, header: Any) -> None:
 
 
 def crs_of(header: Any) -> Stated:
-    """Find the CRS of a LAS header (and of the extended records attached to it).
+    """Return the CRS of a LAS header (and of the extended records attached to it).
 
     WKT goes before GeoTIFF keys, which add what it does not say; the WKT that libLAS wrote beside
-    its keys comes last, as programs that change the keys leave it as it was.
+    its keys comes last, as programs that change the keys leave it as it was. What the records say
+    is handed on as text; :mod:`quantify_client.crs` interprets it.
     """
-    records = [*header.vlrs, *(header.evlrs or ())]
-    statements: List[Statement] = []
-    for record in records:
-        if type(record).__name__ == "WktCoordinateSystemVlr":
-            text = record.string.strip("\0 \t\r\n")
-            if text:
-                statements.append(statement_of_wkt(text, "LAS WKT record"))
-    keys, texts = _geo_keys(records)
-    if keys or texts:
-        statements.append(statement_of(keys, texts))
-    for record in records:
+    kinds: DefaultDict[str, List[Any]] = defaultdict(list)
+    old = []
+    for record in (*header.vlrs, *(header.evlrs or ())):
+        kinds[type(record).__name__].append(record)
         if (record.user_id, record.record_id) == ("liblas", 2112):
-            text = bytes(record.record_data).decode("utf-8", "replace").strip("\0 \t\r\n")
-            statements += [statement_of_wkt(text, "libLAS WKT record")] if text else []
-    return merged(statements)
+            old.append(bytes(record.record_data).decode("utf-8", "replace"))
+    told = [record.string for record in kinds["WktCoordinateSystemVlr"]]
+    keys, texts = _geo_keys(kinds)
+    geotiff = [statement_of(keys, texts)] if keys or texts else []
+    return merged([*_of_wkt(told, "LAS WKT record"), *geotiff, *_of_wkt(old, "libLAS WKT record")])
 
 
-def _geo_keys(records: Any) -> Tuple[Dict[int, float], Dict[int, str]]:
-    """GeoTIFF keys: those with one finite number, and those with a text."""
-    doubles: Tuple[float, ...] = ()
+def _of_wkt(texts: Iterable[str], source: str) -> List[Statement]:
+    bare = [text.strip("\0 \t\r\n") for text in texts]
+    return [statement_of_wkt(text, source) for text in bare if text]
+
+
+def _geo_keys(kinds: Mapping[str, Sequence[Any]]) -> Tuple[Dict[int, float], Dict[int, str]]:
+    """Return the GeoTIFF keys: those with one finite number, and those with a text."""
+    doubles: List[float] = []
     text = ""
-    for record in records:
-        if type(record).__name__ == "GeoDoubleParamsVlr":
-            doubles = tuple(number.value for number in record.doubles)
-        elif type(record).__name__ == "GeoAsciiParamsVlr":
-            text = "\0".join(record.strings)[:_MOST_TEXT]
+    for record in kinds.get("GeoDoubleParamsVlr", ()):
+        doubles = [number.value for number in record.doubles]
+    for record in kinds.get("GeoAsciiParamsVlr", ()):
+        text = "\0".join(record.strings)[:_MOST_TEXT]
     keys: Dict[int, float] = {}
     texts: Dict[int, str] = {}
-    for record in records:
-        if type(record).__name__ != "GeoKeyDirectoryVlr":
-            continue
-        for key in record.geo_keys:
-            if key.tiff_tag_location == 0:
-                keys[key.id] = int(key.value_offset)
-            elif key.tiff_tag_location == _DOUBLES and key.value_offset < len(doubles):
-                keys[key.id] = doubles[key.value_offset]
-            elif key.tiff_tag_location == _TEXTS:
-                texts[key.id] = text[key.value_offset : key.value_offset + key.count]
+    for key in (key for record in kinds.get("GeoKeyDirectoryVlr", ()) for key in record.geo_keys):
+        if key.tiff_tag_location == 0:
+            keys[key.id] = int(key.value_offset)
+        elif key.tiff_tag_location == _DOUBLES and key.value_offset < len(doubles):
+            keys[key.id] = doubles[key.value_offset]
+        elif key.tiff_tag_location == _TEXTS:
+            texts[key.id] = text[key.value_offset : key.value_offset + key.count]
     return {key: value for key, value in keys.items() if math.isfinite(value)}, texts
