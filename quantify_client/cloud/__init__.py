@@ -13,7 +13,7 @@ from .base import DEFAULT_CHUNK, Cloud, Mesh, naming
 from .ept.cloud import EptCloud
 from .ept.index import Fetch
 from .las.copc import open_las
-from .nodata import sifted
+from .nodata import without_placeholders
 from .ply.cloud import PlyCloud
 from .text import TextCloud
 from .tiles import TiledCloud, require_distinct
@@ -71,7 +71,7 @@ def open_cloud(
     if count is not None and count < _FEWEST:
         held = "no points" if not count else f"only {count} point{'s' if count > 1 else ''}"
         raise CloudError(f"{files[0]}: holds {held}; expected at least {_FEWEST}")
-    return sifted(cloud, whole=not fetchers)
+    return without_placeholders(cloud, whole=not fetchers)
 
 
 def _open_one(path: Path, fetch: Optional[Fetch] = None) -> Cloud:

@@ -71,7 +71,7 @@ class Mesh(Cloud, Protocol):
         """
 
 
-class Front:
+class CloudWrapper:
     """A cloud in front of another one, with the faces that it may have."""
 
     def __init__(self, cloud: Cloud, info: CloudInfo) -> None:
@@ -82,7 +82,7 @@ class Front:
         return self._cloud.faces() if isinstance(self._cloud, Mesh) else None
 
 
-def sort_out(
+def measurable(
     x: FloatArray,
     y: FloatArray,
     z: FloatArray,
@@ -149,7 +149,7 @@ def _all_on_map(*axes: FloatArray) -> bool:
         )
 
 
-def mostly_sound(path: Path, chunks: Iterable[Chunk]) -> Iterator[Chunk]:
+def require_few_damaged(path: Path, chunks: Iterable[Chunk]) -> Iterator[Chunk]:
     """Pass on all chunks of a file.
 
     Raises
@@ -181,7 +181,7 @@ def require_on_map(path: Path, x: FloatArray, y: FloatArray, z: FloatArray, firs
         )
 
 
-def gather(chunks: Iterable[Chunk], size: int) -> Iterator[Chunk]:
+def rechunk(chunks: Iterable[Chunk], size: int) -> Iterator[Chunk]:
     """Join small chunks until `size` points are together, so that each costs its share only."""
     waiting: List[Chunk] = []
     points = 0
@@ -205,7 +205,7 @@ def _join(chunks: List[Chunk]) -> Chunk:
     return Chunk(x, y, z, dict(left_out))
 
 
-def survey(chunks: Iterable[Chunk]) -> Tuple[int, Optional[Bounds]]:
+def count_and_bounds(chunks: Iterable[Chunk]) -> Tuple[int, Optional[Bounds]]:
     """Count the points and find their box by reading them all once.
 
     Returns
@@ -276,7 +276,7 @@ def overlap(one: Bounds, other: Bounds) -> bool:
     )
 
 
-def coarse(
+def scale_warnings(
     path: Path, steps: Sequence[float], bounds: Optional[Bounds], count: Optional[int]
 ) -> Tuple[Notice, ...]:
     """Warn where the steps of x, y and z are larger than the points' mean spacing.

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..types import MAX_COORDINATE, Bounds, Chunk, CloudInfo, FloatArray, IntArray, Notice, Window
-from .base import DEFAULT_CHUNK, NODATA, Cloud, Front
+from .base import DEFAULT_CHUNK, NODATA, Cloud, CloudWrapper
 
 AT_ORIGIN = "at the origin (0, 0, 0)"
 
@@ -30,7 +30,7 @@ of integers are the defaults of SRTM, WhiteboxTools (-32768) and GDAL (gdalraste
 -2147483647, 65535, 4294967293). The others are those of habit.
 
 Those beyond any map (1.70141e38 of Surfer, 3.4028e38 of ESRI and GDAL) need no judging, see
-:func:`.base.sort_out`.
+:func:`.base.measurable`.
 """
 
 _NEAR = 0.005  # as large as such a value's rounding may be in a file with steps of a centimetre
@@ -43,7 +43,7 @@ _STEPS = 2.0 ** (np.arange(-64, 8 * 34 + 1) / 8)
 _EDGES: FloatArray = np.concatenate([-_STEPS[::-1], _STEPS])
 
 
-def sifted(cloud: Cloud, whole: bool = True) -> Cloud:
+def without_placeholders(cloud: Cloud, whole: bool = True) -> Cloud:
     """Return the cloud without its placeholders, or the cloud itself where it has none.
 
     Parameters
@@ -61,7 +61,7 @@ def sifted(cloud: Cloud, whole: bool = True) -> Cloud:
     )
     if not (values or origin):
         return cloud
-    census = _Census(values, origin, count)
+    census = _HeightCounts(values, origin, count)
     for chunk in cloud.chunks():
         census.add(chunk)
         if census.settled:
@@ -69,7 +69,7 @@ def sifted(cloud: Cloud, whole: bool = True) -> Cloud:
     return census.judged(cloud)
 
 
-class Sifted(Front):
+class WithoutPlaceholders(CloudWrapper):
     """A cloud without some heights, and without the points at its origin."""
 
     def __init__(
@@ -118,7 +118,7 @@ class _Spread(NamedTuple):
         return max(self.low - value, value - self.high, 0.0)
 
 
-class _Census:
+class _HeightCounts:
     """Counts of one pass, from chunks in any order."""
 
     def __init__(self, values: Sequence[float], origin: bool, count: int) -> None:
@@ -168,18 +168,18 @@ class _Census:
                 continue
             if self._is_void(value, count, spread):
                 void.append(value)
-                said.append(_told(count, value))
+                said.append(_nodata_notice(count, value))
             elif value == 0.0 and self._many(count) and spread.distance(value) > _APART:
-                said.append(_doubted(count, spread))
+                said.append(_zero_heights_notice(count, spread))
         origin = self._origin and self._at_origin > 0 and self._far_origin
         if origin:
-            said.append(_told_origin(self._at_origin))
+            said.append(_origin_notice(self._at_origin))
         if not said:
             return cloud
         info = replace(cloud.info, warnings=(*cloud.info.warnings, *said))
         if void or origin:
             info = replace(info, bounds=self._box(cloud.info.bounds, void, origin))
-        return Sifted(cloud, info, void, origin)
+        return WithoutPlaceholders(cloud, info, void, origin)
 
     def _many(self, count: int) -> bool:
         return count >= max(_FEWEST, _LEAST * self._count)
@@ -218,7 +218,7 @@ class _Census:
         return replace(box, min_x=low[0], min_y=low[1], max_x=high[0], max_y=high[1])
 
 
-def _told(count: int, value: float) -> Notice:
+def _nodata_notice(count: int, value: float) -> Notice:
     points = "1 point has" if count == 1 else f"{count} points have"
     text = (
         f"{points} the height {value:.0f}, far from all others, which rasters have for no data: "
@@ -227,7 +227,7 @@ def _told(count: int, value: float) -> Notice:
     return Notice("nodata-left-out", text, points=count, height=value)
 
 
-def _told_origin(count: int) -> Notice:
+def _origin_notice(count: int) -> Notice:
     points = "1 point lies" if count == 1 else f"{count} points lie"
     text = (
         f"{points} at the origin (0, 0, 0), far from all others, as points without a place do: "
@@ -236,7 +236,7 @@ def _told_origin(count: int) -> Notice:
     return Notice("origin-left-out", text, points=count)
 
 
-def _doubted(count: int, spread: _Spread) -> Notice:
+def _zero_heights_notice(count: int, spread: _Spread) -> Notice:
     text = (
         f"{count} points have the height 0 exactly, and the others {spread.low:.4g} to "
         f"{spread.high:.4g}: if 0 stands for no data, remove them, for they are measured"

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..errors import CloudError
 from ..types import Chunk, CloudInfo, FloatArray, Window
-from .base import DEFAULT_CHUNK, mostly_sound, naming, sort_out, survey
+from .base import DEFAULT_CHUNK, count_and_bounds, measurable, naming, require_few_damaged
 
 AGAIN = "expected rows of x, y, z with decimal points, with or without a line naming the columns"
 _NAMES = {
@@ -171,14 +171,14 @@ class TextCloud:
 
     def __init__(self, path: Path) -> None:
         self._path, self._table = path, read_table(path)
-        count, bounds = survey(self.chunks())
+        count, bounds = count_and_bounds(self.chunks())
         self.info = CloudInfo(
             sources=(str(path),), format="text", point_count=count, bounds=bounds, crs=None
         )
 
     def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
         """Deliver all points in file order; there is no index, so `window` has no effect."""
-        return mostly_sound(self._path, self._sorted(size))
+        return require_few_damaged(self._path, self._sorted(size))
 
     def _sorted(self, size: int) -> Iterator[Chunk]:
         for table in self._table.numbers(size, self._table.columns):
@@ -187,7 +187,7 @@ class TextCloud:
             for column in more:
                 known = (column >= 0) & (column < 256)
                 classes = np.where(known, column, 0).astype(np.uint8)
-            yield sort_out(x, y, z, classes)
+            yield measurable(x, y, z, classes)
 
 
 def opened(path: Path) -> TextIO:

@@ -10,7 +10,7 @@ from ..crs.same import differ_in
 from ..errors import CloudError
 from ..files.reading import real_path
 from ..types import Chunk, CloudInfo, Notice, Window
-from .base import DEFAULT_CHUNK, Cloud, gather, touches, union
+from .base import DEFAULT_CHUNK, Cloud, rechunk, touches, union
 
 
 class TiledCloud:
@@ -39,7 +39,7 @@ class TiledCloud:
     def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
         """Deliver the points of every tile whose bounds touch `window`."""
         near = (cloud for cloud in self._clouds if touches(cloud.info.bounds, window))
-        return gather((chunk for cloud in near for chunk in cloud.chunks(window, size)), size)
+        return rechunk((chunk for cloud in near for chunk in cloud.chunks(window, size)), size)
 
 
 def require_distinct(paths: Sequence[Path]) -> None:

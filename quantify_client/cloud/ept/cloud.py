@@ -13,17 +13,17 @@ from ...types import Chunk, CloudInfo, Notice, Window
 from ..base import (
     DEFAULT_CHUNK,
     box_of,
-    coarse,
-    gather,
-    mostly_sound,
+    count_and_bounds,
+    measurable,
     naming,
-    sort_out,
-    survey,
+    rechunk,
+    require_few_damaged,
+    scale_warnings,
     touches,
     widened,
 )
 from ..las.header import LasLayout, read_layout
-from ..las.points import read_points, spread
+from ..las.points import evenly_spaced, read_points
 from .index import AGAIN, EptIndex, Fetch, read_index
 
 _TOP = 9  # the upper two levels: cubes that are shifted or too large are told by them
@@ -41,7 +41,7 @@ class EptCloud:
         self._whole = wrong is not None
         bounds, warnings = index.conforming, [*index.stated.warnings]
         if wrong:
-            _, own = survey(self.chunks())
+            _, own = count_and_bounds(self.chunks())
             bounds = own or bounds
             text = (
                 f"{path}: points lie outside {wrong}; all tiles were read, whatever their place, "
@@ -58,14 +58,14 @@ class EptCloud:
             bounds=bounds,
             crs=index.stated.crs,
             crs_origin=index.stated.origin,
-            warnings=(*warnings, *coarse(path, (x, y, z), bounds, index.count)),
+            warnings=(*warnings, *scale_warnings(path, (x, y, z), bounds, index.count)),
             crs_parts=index.stated.parts,
             steps=(x, y, z),
         )
 
     def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
         """Deliver the points of all tiles that touch `window`."""
-        return gather(mostly_sound(self._index.source, self._tiles(window, size)), size)
+        return rechunk(require_few_damaged(self._index.source, self._tiles(window, size)), size)
 
     def _tiles(self, window: Optional[Window], size: int) -> Iterator[Chunk]:
         index = self._index
@@ -86,13 +86,13 @@ class EptCloud:
 def _misplaced(index: EptIndex) -> Optional[str]:
     """What of the index does not hold its points, as far as some tiles from all over it tell."""
     keys = sorted(index.tiles, key=lambda key: (int(key.split("-")[0]), key))
-    for key in dict.fromkeys([*keys[:_TOP], *(keys[place] for place in spread(len(keys)))]):
+    for key in dict.fromkeys([*keys[:_TOP], *(keys[place] for place in evenly_spaced(len(keys)))]):
         if not index.tile(key).is_file():
             continue  # told when it is read
         if index.data_type == "laszip":
             box = read_layout(index.tile(key)).bounds
         else:
-            _, box = survey(_read_tile(index, key, DEFAULT_CHUNK))
+            _, box = count_and_bounds(_read_tile(index, key, DEFAULT_CHUNK))
         if box is None:
             continue
         if not index.holds(key, box):
@@ -117,7 +117,7 @@ def _read_tile(index: EptIndex, key: str, size: int) -> Iterator[Chunk]:
             classes = rows[str(columns["Classification"])].astype(np.uint8)
         if "Withheld" in columns:
             withheld = rows[str(columns["Withheld"])].astype(bool)
-        yield sort_out(x, y, z, classes, withheld)
+        yield measurable(x, y, z, classes, withheld)
 
 
 def laz_tile(index: EptIndex, key: str) -> LasLayout:

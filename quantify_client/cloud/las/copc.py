@@ -14,10 +14,10 @@ import numpy.typing as npt
 
 from ...errors import CloudError
 from ...types import Bounds, Chunk, Window
-from ..base import DEFAULT_CHUNK, box_of, gather, naming, touches, widened, within
+from ..base import DEFAULT_CHUNK, box_of, naming, rechunk, touches, widened, within
 from .chunks import LARGEST_CHUNK
 from .header import AGAIN, LasLayout, read_layout
-from .points import MAX_BUFFER, SELECTION, LasCloud, decode, read_points, spread
+from .points import MAX_BUFFER, SELECTION, LasCloud, decode, evenly_spaced, read_points
 
 _TOP = 9  # cubes of the upper two levels
 _POINTS = 2_000  # of a cube that are looked at
@@ -62,7 +62,7 @@ def _is_placed(layout: LasLayout) -> bool:
         try:
             nodes = _index(layout, stream)
             nodes = nodes[np.argsort(nodes["key"][:, 0], kind="stable")]
-            nodes = nodes[sorted({*range(min(_TOP, len(nodes))), *spread(len(nodes))})]
+            nodes = nodes[sorted({*range(min(_TOP, len(nodes))), *evenly_spaced(len(nodes))})]
             nodes["points"] = np.minimum(nodes["points"], _POINTS)
             return all(
                 _holds(layout, node[0], decode(layout, _decompress(layout, stream, node)))
@@ -89,7 +89,7 @@ def _read_window(layout: LasLayout, window: Window, size: int) -> Iterator[Chunk
         for batch in _batches(nodes, min(size, MAX_BUFFER // layout.record_length)):
             with naming(layout.path, AGAIN):
                 records = _decompress(layout, stream, batch)
-            yield from gather(_of_nodes(layout, batch, records), size)
+            yield from rechunk(_of_nodes(layout, batch, records), size)
 
 
 def _of_nodes(layout: LasLayout, nodes: Nodes, records: npt.NDArray[np.uint8]) -> Iterator[Chunk]:

@@ -17,7 +17,16 @@ from laspy import DecompressionSelection
 
 from ...errors import CloudError
 from ...types import Bounds, Chunk, CloudInfo, FloatArray, Notice, Window
-from ..base import DEFAULT_CHUNK, box_of, coarse, naming, overlap, sort_out, survey, within
+from ..base import (
+    DEFAULT_CHUNK,
+    box_of,
+    count_and_bounds,
+    measurable,
+    naming,
+    overlap,
+    scale_warnings,
+    within,
+)
 from .header import AGAIN, LasLayout, crs_of
 
 Bytes = npt.NDArray[np.uint8]
@@ -43,7 +52,7 @@ class LasCloud:
         found, bounds = crs_of(layout.header), layout.bounds
         warnings = [*found.warnings]
         if layout.count and (bounds is None or not _sample_lies_within(layout, bounds)):
-            _, own = survey(self.chunks())
+            _, own = count_and_bounds(self.chunks())
             bounds, said = own, _replaced(path, bounds, own)
             warnings.append(said)
         x, y, z = (abs(float(scale)) for scale in layout.header.scales)
@@ -54,7 +63,7 @@ class LasCloud:
             bounds=bounds,
             crs=found.crs,
             crs_origin=found.origin,
-            warnings=(*warnings, *coarse(path, (x, y, z), bounds, layout.count)),
+            warnings=(*warnings, *scale_warnings(path, (x, y, z), bounds, layout.count)),
             crs_parts=found.parts,
             steps=(x, y, z),
         )
@@ -107,7 +116,7 @@ def _sample(layout: LasLayout, stream: BinaryIO) -> Iterator[Bytes]:
     """
     chunks, length = layout.chunks, layout.record_length
     if chunks is None:
-        for first in spread(layout.count):
+        for first in evenly_spaced(layout.count):
             stream.seek(layout.offset + first * length)
             data = stream.read(min(_SAMPLED // _PLACES, layout.count - first) * length)
             yield np.frombuffer(data[: len(data) // length * length], dtype=np.uint8)
@@ -116,7 +125,7 @@ def _sample(layout: LasLayout, stream: BinaryIO) -> Iterator[Bytes]:
     places = np.cumsum([chunks.start, *(size for _, size in chunks.table)]).tolist()
     held = len(chunks.table)
     most = layout.count if held <= _WHOLE else _SAMPLED // min(_PLACES, held)
-    for index in spread(held):
+    for index in evenly_spaced(held):
         points, size = chunks.table[index]
         points = min(most, points, layout.count - starts[index])
         if points <= 0 or not 0 < size <= _LONGEST or points * length > _LARGEST:
@@ -130,7 +139,7 @@ def _sample(layout: LasLayout, stream: BinaryIO) -> Iterator[Bytes]:
             continue  # told when it is read
 
 
-def spread(count: int) -> Iterator[int]:
+def evenly_spaced(count: int) -> Iterator[int]:
     """Return up to 32 numbers below a count, the first and the last among them."""
     return iter(np.unique(np.linspace(0, max(count - 1, 0), min(_PLACES, count)).astype(int)))
 
@@ -204,7 +213,7 @@ def decode(layout: LasLayout, records: Bytes) -> Chunk:
         for axis in range(3)
     )
     classes, withheld = _flags(rows, header.point_format.id)
-    return sort_out(x, y, z, classes, withheld)
+    return measurable(x, y, z, classes, withheld)
 
 
 def _scaled(rows: Bytes, axis: int, scale: float, offset: float) -> FloatArray:

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...types import Bounds, Chunk, CloudInfo, Faces, FloatArray, Notice, Window
-from ..base import DEFAULT_CHUNK, mostly_sound, naming, sort_out, survey
+from ..base import DEFAULT_CHUNK, count_and_bounds, measurable, naming, require_few_damaged
 from .header import AGAIN, PlyHeader, read_header, truncated
 from .rows import FACES, element_offset, faces_of, read_faces
 
@@ -102,7 +102,7 @@ class PlyCloud:
         self._names = [header.columns[axis] for axis in "xyz"]
         if index is not None and header.vertex.properties[index].kind == "u1":
             self._names.append(index)
-        count, bounds = survey(self.chunks())
+        count, bounds = count_and_bounds(self.chunks())
         rows = faces_of(header)
         self.info = CloudInfo(
             sources=(str(path),),
@@ -121,13 +121,13 @@ class PlyCloud:
 
     def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
         """Deliver all points in file order; there is no index, so `window` has no effect."""
-        return mostly_sound(self._path, self._sorted(size))
+        return require_few_damaged(self._path, self._sorted(size))
 
     def _sorted(self, size: int) -> Iterator[Chunk]:
         for values in self._table.columns(self._names, size):
             with np.errstate(invalid="ignore"):  # NaN of single precision, left out below
                 x, y, z = (np.ascontiguousarray(v, dtype=np.float64) for v in values[:3])
-            yield sort_out(x, y, z, values[3].astype(np.uint8) if values[3:] else None)
+            yield measurable(x, y, z, values[3].astype(np.uint8) if values[3:] else None)
 
 
 def _rounding(path: Path, header: PlyHeader, bounds: Optional[Bounds]) -> Tuple[Notice, ...]:

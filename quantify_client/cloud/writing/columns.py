@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from laspy import PointFormat
 
-from .schema import Extra, Rows, Schema, described, unique
+from .schema import Extra, Rows, Schema, extra_of_type, unique_name
 
 Values = Sequence[npt.NDArray[Any]]
 """One array of (N,) for each column."""
@@ -72,10 +72,10 @@ class Arrangement:
         return out
 
 
-def squeeze(name: str) -> str:
+def bare_name(name: str) -> str:
     """Return what of a column's name is compared.
 
-    >>> squeeze("scalar_GPS Time (s)")
+    >>> bare_name("scalar_GPS Time (s)")
     'gpstime'
     """
     bare = re.sub(r"[(\[].*", "", name.lower())
@@ -89,7 +89,7 @@ def named_fields(columns: Sequence[Column], apart: Iterable[int] = ()) -> Dict[i
     one that is only used for the same thing. Columns in `apart` are no attributes.
     """
     found: Dict[str, int] = {}
-    names = [squeeze(name) for name, _ in columns]
+    names = [bare_name(name) for name, _ in columns]
     for proper in (True, False):
         for index, name in enumerate(names):
             field = name if proper else _ALIASES.get(name, "")
@@ -125,10 +125,10 @@ def arrange(columns: Sequence[Column], fields: Dict[int, Any], apart: Iterable[i
     for index, (column, kind) in enumerate(columns):
         if index in fields or index in apart:
             continue
-        clash = squeeze(column) in _LAS_NAMES
+        clash = bare_name(column) in _LAS_NAMES
         name = f"original-{column}" if clash else column or f"column-{index + 1}"
         places[index] = len(extras)
-        extras.append(described(unique(name, [extra.name for extra in extras]), kind))
+        extras.append(extra_of_type(unique_name(name, [extra.name for extra in extras]), kind))
     names = {field.name for field in fields.values()}
     point_format = 8 if "nir" in names else 7 if "red" in names else 6
     return Arrangement(Schema(point_format, tuple(extras)), fields, places)
@@ -160,6 +160,6 @@ def _fits_by_type(kind: str, field: Any) -> bool:
     return plain.kind == "u" and bool(np.iinfo(plain).max <= field.max)
 
 
-def of_directions(names: Iterable[str]) -> Tuple[str, ...]:
+def names_of_normals(names: Iterable[str]) -> Tuple[str, ...]:
     """Return the names that stand for parts of a normal, which a move of the points may turn."""
-    return tuple(name for name in names if squeeze(name) in _NORMALS)
+    return tuple(name for name in names if bare_name(name) in _NORMALS)

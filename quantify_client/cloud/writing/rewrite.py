@@ -25,10 +25,10 @@ from ...files.writing import put_in_place, require_replaceable, staging
 from ...types import Bounds, Notice
 from .. import require_readable
 from ..tiles import require_distinct
-from .columns import of_directions
+from .columns import names_of_normals
 from .coordinates import Move, fitted, wanted_step
 from .las_file import LasFile, choose_records, explaining, make_header
-from .schema import Places, Rows, Schema, conform, merge
+from .schema import Places, Rows, Schema, merge, to_schema
 from .sources import Block, PointSource, open_sources
 
 WRITTEN = (".laz", ".las")
@@ -111,7 +111,7 @@ def rewrite_cloud(
     said += [*coarser, *_changes(sources, schema), *left_out]
 
     def converted(block: Block, source: PointSource, places: Places) -> Rows:
-        rows = conform(block.rows, source.schema, schema, places)
+        rows = to_schema(block.rows, source.schema, schema, places)
         moved = move(block.x, block.y, block.z) if len(rows) else ()
         for axis, values in enumerate(moved):
             rows["XYZ"[axis]] = quantization.integers(out, axis, values)
@@ -218,7 +218,7 @@ def _changes(sources: Sequence[PointSource], schema: Schema) -> Iterator[Notice]
     if len({header.global_encoding.gps_time_type for header in headers}) > 1:
         text = "the tiles count GPS time in different ways; the values are kept, the first one told"
         yield Notice("gps-times-differ", text)
-    turned = of_directions(extra.name for extra in schema.extras)
+    turned = names_of_normals(extra.name for extra in schema.extras)
     if turned:
         text = f"normals are kept as they are, whatever the move turns: {', '.join(turned)[:200]}"
         yield Notice("normals-kept", text)

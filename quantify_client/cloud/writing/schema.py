@@ -132,7 +132,7 @@ def _type(number: int, options: int) -> np.dtype[Any]:
     return np.dtype(("u1", (options if not number else 0,)))
 
 
-def described(name: str, kind: str) -> Extra:
+def extra_of_type(name: str, kind: str) -> Extra:
     """Make a dimension with one value of a numeric type, such as ``"<f8"``."""
     plain = np.dtype(kind).newbyteorder("<")
     data = bytes([0, 0, get_id_for_extra_dim_type(plain), 0]) + _name_bytes(name)
@@ -145,7 +145,7 @@ def _name_bytes(name: str) -> bytes:
     return short.ljust(_MAX_NAME, b"\0")
 
 
-def unique(name: str, taken: Iterable[str]) -> str:
+def unique_name(name: str, taken: Iterable[str]) -> str:
     """Make a name of at most 32 bytes that is not taken yet."""
     used = set(taken)
     whole = _name_bytes(name).rstrip(b"\0")
@@ -180,7 +180,7 @@ def merge(schemas: Sequence[Schema]) -> Tuple[Schema, List[Places]]:
                 extras[index] = extras[index].joined(extra)
             else:
                 taken = [other.name for other in extras]
-                extras.append(extra.renamed(unique(extra.name, taken)) if taken else extra)
+                extras.append(extra.renamed(unique_name(extra.name, taken)) if taken else extra)
                 meanings.append(meaning)
             places.append(index)
     order = sorted(range(len(extras)), key=lambda index: extras[index].descriptor is None)
@@ -196,7 +196,7 @@ def _common_format(schemas: Sequence[Schema]) -> int:
     return next(number for number in _FORMATS if number >= first and needed <= fields[number])
 
 
-def conform(rows: Rows, source: Schema, target: Schema, places: Places) -> Rows:
+def to_schema(rows: Rows, source: Schema, target: Schema, places: Places) -> Rows:
     """Copy records into another format; return them as they are where nothing has to be moved.
 
     Parameters
