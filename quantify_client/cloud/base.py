@@ -164,9 +164,9 @@ def require_few_damaged(path: Path, chunks: Iterable[Chunk]) -> Iterator[Chunk]:
         yield chunk
     if damaged > _MOST_DAMAGED * read:
         raise CloudError(
-            f"{path}: {damaged} of {read} points have a coordinate that is NaN or infinite beside "
-            f"others that are numbers; expected at most {_MOST_DAMAGED:.0%}, which would be left "
-            "out: check the columns, or remove such points and write the file again"
+            f"{path}: {damaged} of {read} points have a coordinate that is NaN or infinite, and "
+            f"others that are valid; expected at most {_MOST_DAMAGED:.0%}, which are left "
+            "out: check which columns are x, y and z, or remove such points and export it again"
         )
 
 
@@ -297,9 +297,9 @@ def scale_warnings(
         return ()
     axes = ", ".join(f"{axis} in steps of {step:g}" for axis, step in large.items())
     text = (
-        f"{path}: its header has {axes}, and the points' mean spacing is {spacing:.2g}: places and "
-        "heights are rounded to these steps, and points fall onto each other; export it again with "
-        "a finer scale"
+        f"{path}: its header has {axes}, and the points' mean spacing is {spacing:.2g}: "
+        "coordinates are rounded to these steps, and points coincide; export it again with a finer "
+        "scale"
     )
     return (Notice("scale-coarse", text, file=str(path), spacing=spacing, steps=large),)
 

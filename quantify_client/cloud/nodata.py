@@ -221,8 +221,8 @@ class _HeightCounts:
 def _nodata_notice(count: int, value: float) -> Notice:
     points = "1 point has" if count == 1 else f"{count} points have"
     text = (
-        f"{points} the height {value:.0f}, far from all others, which rasters have for no data: "
-        "not measured"
+        f"{points} the height {value:.0f}, far from all others: rasters use it for missing data; "
+        "left out"
     )
     return Notice("nodata-left-out", text, points=count, height=value)
 
@@ -230,8 +230,8 @@ def _nodata_notice(count: int, value: float) -> Notice:
 def _origin_notice(count: int) -> Notice:
     points = "1 point lies" if count == 1 else f"{count} points lie"
     text = (
-        f"{points} at the origin (0, 0, 0), far from all others, as points without a place do: "
-        "not measured"
+        f"{points} at the origin (0, 0, 0), far from all others, and have no valid position: "
+        "left out"
     )
     return Notice("origin-left-out", text, points=count)
 
@@ -239,6 +239,6 @@ def _origin_notice(count: int) -> Notice:
 def _zero_heights_notice(count: int, spread: _Spread) -> Notice:
     text = (
         f"{count} points have the height 0 exactly, and the others {spread.low:.4g} to "
-        f"{spread.high:.4g}: if 0 stands for no data, remove them, for they are measured"
+        f"{spread.high:.4g}: they are measured; if 0 stands for missing data, remove them"
     )
     return Notice("zero-heights", text, points=count, low=spread.low, high=spread.high)

@@ -145,7 +145,7 @@ def test_box_in_the_header_beyond_any_map_is_found_anew(number, tmp_path):
     path.write_bytes(data)
     info = open_cloud([path]).info
     assert info.bounds == told
-    assert "bounds in its header are no box" in info.warnings[0]
+    assert "bounds in its header are invalid" in info.warnings[0]
 
 
 def test_records_without_end_before_the_points_are_refused(tmp_path):

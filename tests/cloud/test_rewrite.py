@@ -105,7 +105,7 @@ def test_wave_forms_are_left_out_with_a_warning(
         n for n in laspy.read(path).point_format.dimension_names if "wave" in n or n[1:] == "_t"
     ]
     require_alike(laspy.read(path), after, (*waves, "return_point_wave_location"))
-    assert "wave forms are left out" in report.warnings[0]
+    assert "waveforms are not written" in report.warnings[0]
 
 
 @pytest.mark.parametrize("crs", [UTM, "EPSG:2277+6360", "EPSG:4979", None])
@@ -167,7 +167,7 @@ def test_records_of_others_are_kept_and_those_of_places_are_not(tmp_path: Path) 
     (record,) = after.evlrs
     assert (record.user_id, record.record_data) == ("someone", long)
     assert report.warnings == (
-        "records of the cloud that say where points were, and are left out: LAStools 30",
+        "records of the cloud that hold the old positions of points, and are left out: LAStools 30",
     )
 
 

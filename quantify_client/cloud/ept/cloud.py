@@ -44,8 +44,8 @@ class EptCloud:
             _, own = count_and_bounds(self.chunks())
             bounds = own or bounds
             text = (
-                f"{path}: points lie outside {wrong}; all tiles were read, whatever their place, "
-                "and the points' own bounds taken"
+                f"{path}: points lie outside {wrong}; all tiles are read, and the bounds of "
+                "their points are used"
             )
             warnings.append(Notice("ept-bounds-exceeded", text, file=str(path)))
         with naming(path, AGAIN):
@@ -78,7 +78,7 @@ class EptCloud:
                 if around is not None and not index.holds(key, box_of(chunk)):
                     raise CloudError(
                         f"{index.source}: points of tile {key} lie outside its cube, so that tiles "
-                        f"cannot be found by their place (bounds in ept.json); {AGAIN}"
+                        f"cannot be found by position (see the bounds in ept.json); {AGAIN}"
                     )
                 yield chunk
 

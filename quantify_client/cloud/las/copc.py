@@ -99,7 +99,7 @@ def _of_nodes(layout: LasLayout, nodes: Nodes, records: npt.NDArray[np.uint8]) -
         if not _holds(layout, node, chunk):
             raise CloudError(
                 f"{layout.path}: points lie outside their cube of its COPC index, so that they "
-                f"cannot be found by their place; {AGAIN}"
+                f"cannot be found by position; {AGAIN}"
             )
         yield chunk
 

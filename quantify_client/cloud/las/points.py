@@ -79,7 +79,7 @@ class LasCloud:
 def _replaced(path: Path, told: Optional[Bounds], own: Optional[Bounds]) -> Notice:
     """Return what there is to say where the points' own box takes the place of the header's."""
     if told is None:
-        text = f"{path}: the bounds in its header are no box; the points were read"
+        text = f"{path}: the bounds in its header are invalid; those of its points are used"
         return Notice("header-bounds-unusable", text, file=str(path))
     if own is not None and not overlap(told, own):
         raise CloudError(
@@ -87,8 +87,8 @@ def _replaced(path: Path, told: Optional[Bounds], own: Optional[Bounds]) -> Noti
             "there: the header is another file's; export it again"
         )
     text = (
-        f"{path}: points lie outside the bounds in its header; all points were read, and their own "
-        "bounds taken"
+        f"{path}: points lie outside the bounds in its header; the bounds of all its points are "
+        "used instead"
     )
     return Notice("header-bounds-exceeded", text, file=str(path))
 

@@ -75,7 +75,7 @@ def _one_by_one(
     if element.count > _MOST_WALKED:
         raise CloudError(
             f"{path}: has {element.count} rows of '{element.name[:40]}' of differing length (or "
-            f"ends before them), of which at most {_MOST_WALKED} are gone over; export it again, "
+            f"ends before them), of which at most {_MOST_WALKED} can be read; export it again, "
             "as triangles or without faces"
         )
     columns = "".join(f"{column.line}\n" for column in element.properties)

@@ -84,8 +84,8 @@ def fitted(step: float, bounds: Bounds) -> Tuple[Quantization, Tuple[Notice, ...
     if used == step:
         return quantization, ()
     text = (
-        f"coordinates are written in steps of {used:g} instead of {step:g}: finer ones do not "
-        f"reach over {2 * reach:.6g}"
+        f"coordinates are written in steps of {used:g} instead of {step:g}: with finer steps a "
+        f"LAS file cannot span {2 * reach:.6g}"
     )
     return quantization, (Notice("coarser-coordinates", text, step=used, wanted=step),)
 

@@ -85,7 +85,7 @@ def choose_records(
                 fresh.append(record)
                 continue
             if reason is None and not any(_same(record, one) for one in known[record.key]):
-                reason = "differ between the files, the first counts"
+                reason = "differ between the files, and are taken from the first"
             if reason:
                 lost.setdefault(reason, set()).add(f"{record.user} {record.number}")
         for record in fresh:
@@ -105,9 +105,9 @@ def _reason(record: Record) -> Optional[str]:
     if own or record.user in _REPLACED:
         return ""
     if record.user in _PLACES:
-        return "say where points were, and are left out"
+        return "hold the old positions of points, and are left out"
     if record.user == _SPEC and record.number in _WAVES:
-        return "hold wave forms, and are left out"
+        return "hold waveforms, and are left out"
     return None
 
 

@@ -165,7 +165,7 @@ def require_rewritable(paths: Sequence[Path], out: Path) -> None:
     if out.suffix.lower() not in WRITTEN or out.name.lower().endswith(".copc.laz"):
         found = ".copc.laz" if out.name.lower().endswith(".copc.laz") else out.suffix
         raise OutputError(
-            f"{out}: is to be written with the ending {found or 'none'!r}; expected "
+            f"{out}: cannot be written with the ending {found or 'none'!r}; expected "
             f"{' or '.join(WRITTEN)}"
         )
     with explaining(out):
@@ -196,29 +196,32 @@ def _changes(sources: Sequence[PointSource], schema: Schema) -> Iterator[Notice]
     told, target = ", ".join(map(str, formats)), schema.point_format
     if any(PointFormat(number).has_waveform_packet for number in formats):
         text = (
-            "wave forms are left out, the points and their other attributes are kept: point "
-            f"format {target} instead of {told}"
+            f"waveforms are not written (point format {target} instead of {told}); the points and "
+            "their other attributes are kept"
         )
         yield Notice("wave-forms-left-out", text, point_format=target)
     elif len(formats) > 1:
         text = (
-            f"the tiles have point formats {told}; all are written in format {target}, and what a "
-            "tile lacks is 0"
+            f"the tiles have point formats {told}; all are written in format {target}, with 0 "
+            "for fields that a tile does not have"
         )
         yield Notice("point-formats-differ", text, point_format=target)
     if any(len(one.extras) < len(schema.extras) for one in schemas):
-        text = "the tiles differ in their extra attributes; what a tile lacks is 0"
+        text = "the tiles differ in their extra attributes; those that a tile does not have are 0"
         yield Notice("extra-attributes-differ", text)
     known = {extra.name for one in schemas for extra in one.extras}
     renamed = [extra.name for extra in schema.extras if extra.name not in known]
     if renamed:
-        text = f"attributes of one name that differ are kept apart: {', '.join(renamed)[:200]}"
+        text = (
+            "attributes with the same name but different types or scales were renamed: "
+            f"{', '.join(renamed)[:200]}"
+        )
         yield Notice("extra-attributes-renamed", text, attributes=len(renamed))
     headers = [source.header for source in sources if source.header is not None]
     if len({header.global_encoding.gps_time_type for header in headers}) > 1:
-        text = "the tiles count GPS time in different ways; the values are kept, the first one told"
+        text = "the tiles use different kinds of GPS time; the header states that of the first tile"
         yield Notice("gps-times-differ", text)
     turned = names_of_normals(extra.name for extra in schema.extras)
     if turned:
-        text = f"normals are kept as they are, whatever the move turns: {', '.join(turned)[:200]}"
+        text = f"normals are not rotated with the points: {', '.join(turned)[:200]}"
         yield Notice("normals-kept", text)

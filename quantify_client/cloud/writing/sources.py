@@ -273,11 +273,11 @@ def _of_text(path: Path) -> PointSource:
     warnings = []
     if words:
         lost = ", ".join([names[i] or f"column-{i + 1}" for i in sorted(words)][:5])[:200]
-        told = f"{path}: columns of words are left out: {lost}"
+        told = f"{path}: columns of text are left out: {lost}"
         warnings.append(Notice("text-columns-left-out", told, file=str(path), columns=len(words)))
     if table.gaps:
         gaps = "1 field is" if table.gaps == 1 else f"{table.gaps} fields are"
-        told = f"{path}: {gaps} empty or no number, and written as NaN"
+        told = f"{path}: {gaps} empty or not a number, and written as NaN"
         warnings.append(Notice("text-fields-empty", told, file=str(path), fields=table.gaps))
     arranged = arrange(columns, fields, {*axes, *words, *empty})
     return _of_table(path, count, axes, arranged, values, text.AGAIN, warnings=warnings)
