@@ -1,7 +1,7 @@
-"""What every reader shares: the interface, the sorting out of points, and naming what is wrong.
+"""What all readers share: their interface, the filter for unusable points, and error messages.
 
-A reader opens nothing until it is asked for points, knows what its header says, and delivers
-chunks. Nothing here knows a file format.
+A reader knows what the header of its file says, and delivers the points in chunks. Nothing here
+depends on a file format.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _IS_NOISE = np.isin(np.arange(256), (7, 18))  # ASPRS: low point (noise) and hig
 _VOID_FROM, _VOID_TO = 1e20, 3.5e38  # what rasters have for no height: 1e20 (CF), 9.97e36 (netCDF),
 # 1.70141e38 (Surfer), 3.4028e38 of either sign (the largest float32: ESRI, GDAL)
 _DEGREES = 360.0  # no longitude or latitude is larger
-_MOST_DAMAGED = 0.01  # of a file: more than that is no stray row, but a file written wrongly
+_MOST_DAMAGED = 0.01  # of a file: more than that is not an odd row, but a badly written file
 
 
 class Cloud(Protocol):
@@ -72,13 +72,13 @@ class Mesh(Cloud, Protocol):
 
 
 class CloudWrapper:
-    """A cloud in front of another one, with the faces that it may have."""
+    """A cloud that changes what another one delivers; it has the same faces."""
 
     def __init__(self, cloud: Cloud, info: CloudInfo) -> None:
         self._cloud, self.info = cloud, info
 
     def faces(self) -> Optional[Faces]:
-        """As the cloud itself; None where it has none."""
+        """Return the faces of the wrapped cloud, or None."""
         return self._cloud.faces() if isinstance(self._cloud, Mesh) else None
 
 
@@ -89,10 +89,10 @@ def measurable(
     classes: Optional[npt.NDArray[Any]] = None,
     withheld: Optional[npt.NDArray[np.bool_]] = None,
 ) -> Chunk:
-    """Make a chunk of what is to be measured, and count the rest.
+    """Return the points to be measured, and count those left out.
 
-    Points with a coordinate that is no number, or that no place on the Earth has in any unit, are
-    left out: a box round them would be of no use to the others.
+    Points with a coordinate that is NaN, infinite or larger than any on the Earth are left out:
+    the bounding box would be useless with them.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def measurable(
 
 
 def _off_the_map(x: FloatArray, y: FloatArray, z: FloatArray) -> Dict[str, npt.NDArray[np.bool_]]:
-    """Return the points concerned by each reason to leave some out."""
+    """Return which points are left out, by reason."""
     axes = np.array([x, y, z])
     reach = np.abs(axes)
     void = (reach[2] >= _VOID_FROM) & (reach[2] <= _VOID_TO)
@@ -150,7 +150,7 @@ def _all_on_map(*axes: FloatArray) -> bool:
 
 
 def require_few_damaged(path: Path, chunks: Iterable[Chunk]) -> Iterator[Chunk]:
-    """Pass on all chunks of a file.
+    """Deliver the chunks of a file, and refuse it when too many points are damaged.
 
     Raises
     ------
@@ -182,7 +182,7 @@ def require_on_map(path: Path, x: FloatArray, y: FloatArray, z: FloatArray, firs
 
 
 def rechunk(chunks: Iterable[Chunk], size: int) -> Iterator[Chunk]:
-    """Join small chunks until `size` points are together, so that each costs its share only."""
+    """Join small chunks into chunks of at most `size` points, which cost less per point."""
     waiting: List[Chunk] = []
     points = 0
     for chunk in chunks:
@@ -232,7 +232,7 @@ def union(boxes: Iterable[Optional[Bounds]]) -> Optional[Bounds]:
 
 
 def touches(bounds: Optional[Bounds], window: Optional[Window]) -> bool:
-    """Whether a box has anything in common with a window; True when either is unknown."""
+    """Whether a box and a window overlap; True when either is unknown."""
     if bounds is None or window is None:
         return True
     return (
@@ -259,7 +259,7 @@ def box_of(chunk: Chunk) -> Optional[Bounds]:
 
 
 def within(inner: Bounds, outer: Bounds, some: float = 0.0) -> bool:
-    """Whether a box lies in another, or reaches beyond it by `some` at most."""
+    """Whether a box lies within another, with a tolerance of `some`."""
     return all(
         getattr(inner, f"min_{axis}") >= getattr(outer, f"min_{axis}") - some
         and getattr(inner, f"max_{axis}") <= getattr(outer, f"max_{axis}") + some
@@ -268,7 +268,7 @@ def within(inner: Bounds, outer: Bounds, some: float = 0.0) -> bool:
 
 
 def overlap(one: Bounds, other: Bounds) -> bool:
-    """Whether two boxes have anything in common."""
+    """Whether two boxes overlap."""
     return all(
         getattr(one, f"min_{axis}") <= getattr(other, f"max_{axis}")
         and getattr(other, f"min_{axis}") <= getattr(one, f"max_{axis}")
@@ -306,7 +306,7 @@ def scale_warnings(
 
 @contextmanager
 def naming(path: Path, advice: str) -> Iterator[None]:
-    """Turn whatever a library raises about a file into one line that names the file.
+    """Turn any error of a library into a CloudError of one line that names the file.
 
     `advice` completes the sentence: what was expected and what to do.
     """

@@ -70,7 +70,7 @@ def without_placeholders(cloud: Cloud, whole: bool = True) -> Cloud:
 
 
 class WithoutPlaceholders(CloudWrapper):
-    """A cloud without some heights, and without the points at its origin."""
+    """A cloud without points that have a placeholder as height, or lie at the origin."""
 
     def __init__(
         self, cloud: Cloud, info: CloudInfo, values: Sequence[float], origin: bool
@@ -79,7 +79,7 @@ class WithoutPlaceholders(CloudWrapper):
         self._values, self._origin = tuple(values), origin
 
     def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
-        """Deliver what the cloud delivers, but for those."""
+        """Deliver the chunks of the cloud without these points."""
         for chunk in self._cloud.chunks(window, size):
             yield self._without(chunk)
 
@@ -148,7 +148,7 @@ class _HeightCounts:
 
     @property
     def settled(self) -> bool:
-        """Whether no point read from now on can make anything a placeholder."""
+        """Whether further points cannot turn any value into a placeholder."""
         heights = all(n > 2 * _OUTSIDE * self._count for n in self._close.values())
         return heights and not (self._origin and self._far_origin)
 
@@ -185,7 +185,7 @@ class _HeightCounts:
         return count >= max(_FEWEST, _LEAST * self._count)
 
     def _is_void(self, value: float, count: int, spread: _Spread) -> bool:
-        """Isolated: farther from the other heights than they are from each other."""
+        """Whether a value is farther from the other heights than they are from each other."""
         apart = max(spread.high - spread.low, _APART, abs(value) / 20)
         if spread.distance(value) <= apart:
             return False

@@ -171,6 +171,26 @@ def test_records_of_others_are_kept_and_those_of_places_are_not(tmp_path: Path) 
     )
 
 
+def test_records_with_names_of_full_length_are_kept(tmp_path: Path) -> None:
+    path = write_las(tmp_path / "a.laz", points(50), vlrs=[laspy.VLR("fifteen_letters", 5)])
+    name, text = b"sixteen_letters!", b"with 32 bytes and no end \xe9 of it"[:32]
+    head = bytearray(path.read_bytes())
+    at = head.index(b"fifteen_letters")
+    head[at : at + 16], head[at + 20 : at + 52] = name, text
+    path.write_bytes(head)
+    rewritten(path)
+    assert name + head[at + 16 : at + 20] + text in (tmp_path / "out.laz").read_bytes()
+
+
+def test_readers_of_old_versions_find_the_counts(tmp_path: Path) -> None:
+    path = write_las(tmp_path / "a.laz", points(50))
+    after, _ = rewritten(path)
+    assert str(after.header.version) == "1.4"
+    counts = struct.unpack_from("<6I", (tmp_path / "out.laz").read_bytes(), 107)
+    assert counts == (50, *after.header.number_of_points_by_return[:5])
+    assert sum(counts[1:]) == sum(np.asarray(after.return_number) > 0)
+
+
 def test_header_keeps_what_identifies_the_survey(tmp_path: Path) -> None:
     path = write_las(tmp_path / "a.laz", points(10), 6, "1.4")
     las = laspy.read(path)

@@ -84,7 +84,7 @@ class EptCloud:
 
 
 def _misplaced(index: EptIndex) -> Optional[str]:
-    """What of the index does not hold its points, as far as some tiles from all over it tell."""
+    """Return which bounds of the index do not hold the points of sampled tiles, or None."""
     keys = sorted(index.tiles, key=lambda key: (int(key.split("-")[0]), key))
     for key in dict.fromkeys([*keys[:_TOP], *(keys[place] for place in evenly_spaced(len(keys)))]):
         if not index.tile(key).is_file():

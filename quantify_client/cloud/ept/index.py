@@ -1,4 +1,4 @@
-"""The index of an Entwine Point Tile set: ept.json and its hierarchy, read with suspicion.
+"""The index of an Entwine Point Tile set: ept.json and its hierarchy.
 
 Keys become file names, so they are checked before; files are small, so their size is capped;
 nothing outside the set's folder is opened, not even through a link. Where the set lies elsewhere, a

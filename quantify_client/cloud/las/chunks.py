@@ -1,6 +1,6 @@
-"""What a LAZ file says of its compressed chunks, held against its size before a decoder sees it.
+"""The chunk table of a LAZ file, checked against the size of the file before it is decoded.
 
-The decoder allocates what it is told: the table of chunks at the length that its head gives, a
+The decoder allocates what the file claims: the table of chunks at the length that its head gives, a
 chunk for as many points as the table or the LASzip record says, and each layer of a chunk (from
 point format 6 on the fields are compressed apart, in layers) at the size at the chunk's start. A
 layer of 4 GB costs a hostile file four bytes, and an allocation that fails ends the whole process.
@@ -188,9 +188,10 @@ def _require_all_counted(
 
 
 def _holds_more(chunks: Chunks, data: bytes, points: int, point: int) -> bool:
-    """Whether a chunk holds more than some points.
+    """Whether a chunk holds more than some number of points.
 
-    From point format 6 on it says how many; below, decoding them would leave bytes over.
+    From point format 6 on the chunk says how many it holds. Below that, bytes are left over when
+    so many points have been decoded.
     """
     if chunks.head:
         at = chunks.head - 4 * chunks.layers - 4

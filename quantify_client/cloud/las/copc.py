@@ -54,9 +54,9 @@ def _rounding(layout: LasLayout) -> float:
 
 
 def _is_placed(layout: LasLayout) -> bool:
-    """Whether cubes from all over the index, the upper two levels among them, hold their points.
+    """Whether sampled cubes of the index, the upper two levels among them, hold their points.
 
-    Of each some points are decoded. What is damaged is told when it is read.
+    Some points of each cube are decoded. Damage is reported when the points are read.
     """
     with naming(layout.path, AGAIN), layout.path.open("rb") as stream:
         try:

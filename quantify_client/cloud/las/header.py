@@ -1,7 +1,7 @@
-"""A LAS header, checked against its file before anything is allocated for it.
+"""A LAS header, checked against the size of its file before memory is allocated.
 
-Counts and offsets in a header are only claims. A short file must not pass for a small one, and
-a hostile one must not make us reserve memory for points that it does not hold.
+Counts and offsets in a header are only claims. A truncated file must not be taken for a small one,
+and a hostile one must not make us allocate memory for points that it does not hold.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class LasLayout:
 
     @property
     def bounds(self) -> Optional[Bounds]:
-        """The header's box, or None where it cannot be one."""
+        """The header's bounding box, or None where it is invalid."""
         low, high = np.asarray(self.header.mins), np.asarray(self.header.maxs)
         reach = np.abs([low, high])
         if not ((reach <= MAX_COORDINATE).all() and (low <= high).all()):
@@ -210,7 +210,7 @@ def _records(
 
 
 def _require_places(path: Path, header: Any) -> None:
-    """No 32-bit integer may come out beyond any map, so that no point needs a check of its own."""
+    """Raise unless every 32-bit integer gives a coordinate on the Earth: no point needs a check."""
     with np.errstate(over="ignore", invalid="ignore"):
         reach = np.abs(header.scales) * 2.0**31 + np.abs(header.offsets)
     if not (reach <= MAX_COORDINATE).all() or not np.all(header.scales):

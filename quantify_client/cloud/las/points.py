@@ -77,7 +77,7 @@ class LasCloud:
 
 
 def _replaced(path: Path, told: Optional[Bounds], own: Optional[Bounds]) -> Notice:
-    """Return what there is to say where the points' own box takes the place of the header's."""
+    """Return the warning that the header's bounds are replaced by those of the points."""
     if told is None:
         text = f"{path}: the bounds in its header are invalid; those of its points are used"
         return Notice("header-bounds-unusable", text, file=str(path))
@@ -94,10 +94,10 @@ def _replaced(path: Path, told: Optional[Bounds], own: Optional[Bounds]) -> Noti
 
 
 def _sample_lies_within(layout: LasLayout, bounds: Bounds) -> bool:
-    """Whether a few points from all over the file lie within a box, a step of theirs more or less.
+    """Whether sampled points of a file lie within a box, with a tolerance of one scale step.
 
-    A box that leaves out a good part of the points is found by it; one that leaves out a few is
-    found when all are read.
+    This finds a box that misses a good part of the points. One that misses only a few is found
+    when all are read.
     """
     x, y, z = np.abs(layout.header.scales).tolist()
     wider = Bounds(

@@ -73,7 +73,7 @@ class Arrangement:
 
 
 def bare_name(name: str) -> str:
-    """Return what of a column's name is compared.
+    """Return a column's name in the form in which names are compared.
 
     >>> bare_name("scalar_GPS Time (s)")
     'gpstime'
@@ -161,5 +161,5 @@ def _fits_by_type(kind: str, field: Any) -> bool:
 
 
 def names_of_normals(names: Iterable[str]) -> Tuple[str, ...]:
-    """Return the names that stand for parts of a normal, which a move of the points may turn."""
+    """Return the names of components of normals, which a rotation of the points would change."""
     return tuple(name for name in names if bare_name(name) in _NORMALS)

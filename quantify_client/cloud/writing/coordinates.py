@@ -1,4 +1,4 @@
-"""How finely coordinates are written, and from where they are counted.
+"""The scale and the offsets with which coordinates are written.
 
 LAS holds each coordinate as a 32-bit integer: X = round((x - offset) / scale).
 """
@@ -95,7 +95,7 @@ def wanted_step(
     move: Move,
     after: Bounds,
 ) -> float:
-    """Return a step that loses nothing of what the files resolve.
+    """Return a scale that keeps the resolution of the files.
 
     That is the finest step of the files, at most 0.001, or what it has become where the move
     changes the unit (degrees to metres, say). Files without steps of their own (PLY, text) are

@@ -1,8 +1,8 @@
-"""A LAS or LAZ file that laspy writes, in the parts that it leaves to us.
+"""Writing a LAS or LAZ file with laspy, and what laspy does not do.
 
-These are the records that other programs put into the inputs, kept byte for byte (laspy would cut
-names of full length), long ones copied in blocks; what an interrupted compressor hides; and the
-counts that readers of LAS 1.3 and before look for.
+Records of other programs are copied byte for byte (laspy shortens names of full length), long ones
+in blocks. An interrupted or failed write is reported as such, where the compressor only says that
+it failed. Point counts are also written where readers of LAS 1.3 and before look for them.
 """
 
 from __future__ import annotations
@@ -204,7 +204,7 @@ class LasFile:
 
 
 class _Noting:
-    """A stream that keeps what interrupted it: the compressor only says that something did."""
+    """A stream that remembers the error of a write, which the compressor does not pass on."""
 
     def __init__(self, stream: BinaryIO) -> None:
         self._stream = stream
@@ -224,7 +224,7 @@ class _Noting:
 
     @contextmanager
     def telling(self) -> Iterator[None]:
-        """Raise the cause of a compressor's error in its place."""
+        """Raise the remembered error in place of the compressor's."""
         try:
             yield
         except lazrs.LazrsError as error:
@@ -238,7 +238,7 @@ class _Noting:
 
 @contextmanager
 def explaining(path: Path) -> Iterator[None]:
-    """Turn what the system says about an output into what the user can do."""
+    """Turn an error of the system into an OutputError that says what to do."""
     try:
         yield
     except (OutputError, CloudError):

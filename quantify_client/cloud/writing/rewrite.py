@@ -190,7 +190,7 @@ def _open(files: Sequence[Path]) -> List[PointSource]:
 
 
 def _changes(sources: Sequence[PointSource], schema: Schema) -> Iterator[Notice]:
-    """Yield what is not as it was."""
+    """Deliver a warning for each thing that differs between the input and the output."""
     schemas = [source.schema for source in sources]
     formats = sorted({one.point_format for one in schemas})
     told, target = ", ".join(map(str, formats)), schema.point_format

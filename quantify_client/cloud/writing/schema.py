@@ -51,7 +51,7 @@ class Extra:
 
     @property
     def meaning(self) -> Tuple[np.dtype[Any], bytes]:
-        """What two dimensions must share to be one: name, type, scale, offset and no-data value."""
+        """Name, type, scale, offset and no-data value: dimensions that share them are the same."""
         told = self.without_extremes
         return self.kind, told[2:160] if told else self.name.encode()
 
@@ -158,7 +158,7 @@ def unique_name(name: str, taken: Iterable[str]) -> str:
 
 
 def merge(schemas: Sequence[Schema]) -> Tuple[Schema, List[Places]]:
-    """Find the record that has room for what any of these hold, wave forms apart.
+    """Return the record that has room for all fields of these, except waveforms.
 
     Dimensions of extra bytes that mean the same become one; others of the same name get a number.
 
@@ -197,7 +197,7 @@ def _common_format(schemas: Sequence[Schema]) -> int:
 
 
 def to_schema(rows: Rows, source: Schema, target: Schema, places: Places) -> Rows:
-    """Copy records into another format; return them as they are where nothing has to be moved.
+    """Return records in another format; the same array where nothing has to be changed.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
-"""Points with everything that is known of them: what is read to be written again.
+"""Points with all their attributes, from files of any format, for writing them again.
 
-Nothing is left out and nothing is skipped in decompressing. LAS and LAZ (COPC and the tiles of
+No point and no field is left out. LAS and LAZ (COPC and the tiles of
 EPT are LAZ files, too) keep their records; the columns of other formats are sorted into fields.
 """
 
