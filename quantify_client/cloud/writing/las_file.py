@@ -158,18 +158,16 @@ def make_header(
 
 
 class LasFile:
-    """One file that is being written; `path` is what it will be called.
+    """One file that is being written; `path` is what it will be called: .laz is compressed.
 
     Parameters
     ----------
     header, after : what :func:`make_header` made.
     """
 
-    def __init__(
-        self, path: Path, stream: BinaryIO, header: Any, after: RecordList, *, compressed: bool
-    ) -> None:
+    def __init__(self, path: Path, stream: BinaryIO, header: Any, after: RecordList) -> None:
         self._path, self._stream, self._after = path, _Noting(stream), after
-        backend = LazBackend.LazrsParallel if compressed else None
+        backend = LazBackend.LazrsParallel if path.suffix.lower() == ".laz" else None
         with explaining(path):
             self._writer = LasWriter(self._stream, header, laz_backend=backend, closefd=False)
 

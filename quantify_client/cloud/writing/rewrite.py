@@ -120,8 +120,7 @@ def rewrite_cloud(
     real = real_path(out)
     with explaining(out), staging(real.parent) as working:
         with (working / real.name).open("xb") as stream:
-            compressed = out.suffix.lower() == ".laz"
-            file = LasFile(out, stream, header, after, compressed=compressed)
+            file = LasFile(out, stream, header, after)
             lost = _write_points(file, sources, places, converted, progress)
             box = file.close()
         said += _lost(lost)

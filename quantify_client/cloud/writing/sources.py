@@ -101,10 +101,6 @@ def _of_las(layout: LasLayout) -> PointSource:
     records = read_records(layout)
     described = b"".join(r.data or b"" for r in records if r.key == ("LASF_Spec", 4))
     schema = schema_of(int(header.point_format.id), layout.record_length, described)
-    before = bytes(header.extra_vlr_bytes)
-    if header.version.minor == 0 and before[-2:] == b"\xdd\xcc":
-        before = before[:-2]  # LAS 1.0 marks the start of the points with these two
-    unknown = {"in its header": bytes(header.extra_header_bytes), "before its points": before}
     count = layout.count
     header.vlrs.clear()  # which `records` has; of a set there may be millions of tiles
 
@@ -127,16 +123,25 @@ def _of_las(layout: LasLayout) -> PointSource:
         bounds=layout.bounds,
         header=header,
         records=records,
-        warnings=tuple(
-            Notice(
-                "unknown-bytes-left-out",
-                f"{path}: {len(data)} bytes of unknown meaning {where} are left out",
-                file=str(path),
-                bytes=len(data),
-            )
-            for where, data in unknown.items()
-            if data.strip(b"\0")
-        ),
+        warnings=_of_unknown_bytes(path, header),
+    )
+
+
+def _of_unknown_bytes(path: Path, header: Any) -> Tuple[Notice, ...]:
+    """Return a warning for bytes that no record of the file describes."""
+    before = bytes(header.extra_vlr_bytes)
+    if header.version.minor == 0 and before[-2:] == b"\xdd\xcc":
+        before = before[:-2]  # LAS 1.0 marks the start of the points with these two
+    unknown = {"in its header": bytes(header.extra_header_bytes), "before its points": before}
+    return tuple(
+        Notice(
+            "unknown-bytes-left-out",
+            f"{path}: {len(data)} bytes of unknown meaning {where} are left out",
+            file=str(path),
+            bytes=len(data),
+        )
+        for where, data in unknown.items()
+        if data.strip(b"\0")
     )
 
 
