@@ -12,7 +12,7 @@ import pytest
 from clouds import write_copc, write_ept, write_text
 
 from quantify_client import describe, measure
-from quantify_client.cloud import las
+from quantify_client.cloud.las import points as las
 
 pytestmark = pytest.mark.one_python
 
@@ -71,7 +71,7 @@ def only(measurement):
 def seen(request, monkeypatch):
     """A few points of each file are looked at when it is opened, or happen to show nothing."""
     if request.param == "found when read":
-        monkeypatch.setattr(las, "sample_lies_within", lambda layout, bounds: True)
+        monkeypatch.setattr(las, "_sample_lies_within", lambda layout, bounds: True)
 
 
 @pytest.mark.parametrize("method", ["section", "polar"])
@@ -97,7 +97,7 @@ def test_a_wrong_box_takes_nothing_from_terrain(share, drawn, seen, tmp_path):
 
 
 def test_a_few_points_outside_the_box_are_counted_and_measured(tmp_path, monkeypatch):
-    monkeypatch.setattr(las, "sample_lies_within", lambda layout, bounds: True)
+    monkeypatch.setattr(las, "_sample_lies_within", lambda layout, bounds: True)
     path = with_half_box(write(tmp_path / "a.laz", ball()), axis=2, share=0.99)
     told = measure(path, shape="object", source_unit="m")
     assert only(told).volume_m3 == pytest.approx(BALL, rel=0.003)
@@ -181,7 +181,7 @@ def test_points_at_the_origin_take_nothing_and_are_told(drawn, tmp_path):
 
 def test_points_outside_the_box_are_told_once_and_as_so_many_at_least(tmp_path, monkeypatch):
     """Of a window only a part of them is seen."""
-    monkeypatch.setattr(las, "sample_lies_within", lambda layout, bounds: True)
+    monkeypatch.setattr(las, "_sample_lies_within", lambda layout, bounds: True)
     path = with_half_box(write_copc(tmp_path / "a.copc.laz", cone()), share=0.6)
     area = circle(4.0)
     for place in area["features"][0]["geometry"]["coordinates"][0]:

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from solids import BODIES
 
 from quantify_client import measure
-from quantify_client.cloud.ply import PlyCloud
+from quantify_client.cloud.ply.cloud import PlyCloud
 from quantify_client.types import AreaResult
 
 pytestmark = pytest.mark.one_python

@@ -16,7 +16,7 @@ from scans import Flaws, scan
 from solids import BODIES
 
 from quantify_client import measure
-from quantify_client.cloud.las import LasCloud
+from quantify_client.cloud.las.points import LasCloud
 
 pytestmark = pytest.mark.one_python
 

@@ -25,7 +25,7 @@ from terrains import (
 )
 
 from quantify_client import measure
-from quantify_client.cloud.ply import PlyCloud
+from quantify_client.cloud.ply.cloud import PlyCloud
 
 pytestmark = pytest.mark.one_python
 

@@ -17,7 +17,7 @@ from terrains import Errors, cone, survey
 from webodm import PASSWORD, USER, VIEWER, WebODM
 
 from quantify_client import measure
-from quantify_client.cloud import ept_index
+from quantify_client.cloud.ept import index as ept_index
 from quantify_client.errors import CloudError, OutputError, QuantifyError, ServerError, UsageError
 from quantify_client.pipeline import describe, scale
 from quantify_client.report import to_json

@@ -10,15 +10,24 @@ from typing import Callable, Dict, Mapping, Optional, Sequence
 
 from ..errors import CloudError
 from .base import DEFAULT_CHUNK, Cloud, Mesh, naming
-from .copc import open_las
-from .ept import EptCloud
-from .ept_index import Fetch
-from .nodata import sifted
-from .ply import PlyCloud
+from .ept.cloud import EptCloud
+from .ept.index import Fetch
+from .las.copc import open_las
+from .nodata import without_placeholders
+from .ply.cloud import PlyCloud
 from .text import TextCloud
 from .tiles import TiledCloud, require_distinct
 
-__all__ = ["DEFAULT_CHUNK", "SUFFIXES", "Cloud", "Fetch", "Mesh", "open_cloud", "refuse_impostor"]
+__all__ = [
+    "DEFAULT_CHUNK",
+    "SUFFIXES",
+    "Cloud",
+    "Fetch",
+    "Mesh",
+    "open_cloud",
+    "refuse_impostor",
+    "require_readable",
+]
 
 _READERS: Dict[str, Callable[[Path], Cloud]] = {
     ".las": open_las,
@@ -62,27 +71,30 @@ def open_cloud(
     if count is not None and count < _FEWEST:
         held = "no points" if not count else f"only {count} point{'s' if count > 1 else ''}"
         raise CloudError(f"{files[0]}: holds {held}; expected at least {_FEWEST}")
-    return sifted(cloud, whole=not fetchers)
+    return without_placeholders(cloud, whole=not fetchers)
 
 
 def _open_one(path: Path, fetch: Optional[Fetch] = None) -> Cloud:
+    require_readable(path)
+    if path.name.lower() == "ept.json":
+        return EptCloud(path, fetch)
+    return _READERS[path.suffix.lower()](path)
+
+
+def require_readable(path: Path) -> None:
+    """Raise CloudError for what is no file, has an unknown ending, or is an impostor."""
     with naming(path, "check the path"):
         if not path.exists():
             raise CloudError(f"{path}: does not exist; check the path")
         if not path.is_file():
             raise CloudError(f"{path}: is not a file; expected a point cloud")
-    if path.name.lower() == "ept.json":
-        refuse_impostor(path)
-        return EptCloud(path, fetch)
-    reader = _READERS.get(path.suffix.lower())
-    if reader is None:
+    if path.suffix.lower() not in SUFFIXES and path.name.lower() != "ept.json":
         kinds = ", ".join(SUFFIXES)
         raise CloudError(
             f"{path}: has an unknown ending; expected {kinds}, an ept.json, an ODM project "
             "folder or an all.zip"
         )
     refuse_impostor(path)
-    return reader(path)
 
 
 def refuse_impostor(path: Path) -> None:

@@ -1,11 +1,12 @@
-"""What every reader shares: the interface, the sorting out of points, and naming what is wrong.
+"""What all readers share: their interface, the filter for unusable points, and error messages.
 
-A reader opens nothing until it is asked for points, knows what its header says, and delivers
-chunks. Nothing here knows a file format.
+A reader knows what the header of its file says, and delivers the points in chunks. Nothing here
+depends on a file format.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from contextlib import contextmanager
 from pathlib import Path
 from typing import (
@@ -13,6 +14,7 @@ from typing import (
     Dict,
     Iterable,
     Iterator,
+    List,
     Optional,
     Protocol,
     Sequence,
@@ -24,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import CloudError, QuantifyError
-from ..types import MAX_COORDINATE, Bounds, Chunk, CloudInfo, Faces, FloatArray, Window
+from ..types import MAX_COORDINATE, Bounds, Chunk, CloudInfo, Faces, FloatArray, Notice, Window
 
 DEFAULT_CHUNK = 1_000_000
 """Points in a chunk: enough to hide the cost of Python, few enough to stay far below 100 MB."""
@@ -35,11 +37,11 @@ OFF_THE_MAP = "coordinate beyond any map"
 NODATA, VOID = "nodata", "nodata beyond any map"
 NO_PLACE = "NaN in all coordinates"
 NOT_FINITE = "NaN or infinite coordinate"
-_NOISE_CLASSES = (7, 18)  # ASPRS: low point (noise) and high noise
+_IS_NOISE = np.isin(np.arange(256), (7, 18))  # ASPRS: low point (noise) and high noise
 _VOID_FROM, _VOID_TO = 1e20, 3.5e38  # what rasters have for no height: 1e20 (CF), 9.97e36 (netCDF),
 # 1.70141e38 (Surfer), 3.4028e38 of either sign (the largest float32: ESRI, GDAL)
 _DEGREES = 360.0  # no longitude or latitude is larger
-_MOST_DAMAGED = 0.01  # of a file: more than that is no stray row, but a file written wrongly
+_MOST_DAMAGED = 0.01  # of a file: more than that is not an odd row, but a badly written file
 
 
 class Cloud(Protocol):
@@ -48,7 +50,6 @@ class Cloud(Protocol):
     @property
     def info(self) -> CloudInfo:
         """What is known before the points are read."""
-        ...
 
     def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
         """Deliver the points, at most `size` at a time.
@@ -57,7 +58,6 @@ class Cloud(Protocol):
         points outside may still come. Raises :class:`CloudError` when fewer points can be read
         than the header promises.
         """
-        ...
 
 
 @runtime_checkable
@@ -69,40 +69,30 @@ class Mesh(Cloud, Protocol):
 
         Raises :class:`CloudError` where they are damaged.
         """
-        ...
 
 
-class Front:
-    """A cloud in front of another one, with the faces that it may have."""
+class CloudWrapper:
+    """A cloud that changes what another one delivers; it has the same faces."""
 
     def __init__(self, cloud: Cloud, info: CloudInfo) -> None:
         self._cloud, self.info = cloud, info
 
     def faces(self) -> Optional[Faces]:
-        """As the cloud itself; None where it has none."""
+        """Return the faces of the wrapped cloud, or None."""
         return self._cloud.faces() if isinstance(self._cloud, Mesh) else None
 
 
-def _noise_table() -> npt.NDArray[np.bool_]:
-    table = np.zeros(256, dtype=bool)
-    table[list(_NOISE_CLASSES)] = True
-    return table
-
-
-_IS_NOISE = _noise_table()
-
-
-def sort_out(
+def measurable(
     x: FloatArray,
     y: FloatArray,
     z: FloatArray,
     classes: Optional[npt.NDArray[Any]] = None,
     withheld: Optional[npt.NDArray[np.bool_]] = None,
 ) -> Chunk:
-    """Make a chunk of what is to be measured, and count the rest.
+    """Return the points to be measured, and count those left out.
 
-    Points with a coordinate that is no number, or that no place on the Earth has in any unit, are
-    left out: a box round them would be of no use to the others.
+    Points with a coordinate that is NaN, infinite or larger than any on the Earth are left out:
+    the bounding box would be useless with them.
 
     Parameters
     ----------
@@ -118,34 +108,37 @@ def sort_out(
         Points that their producer marked as not to be used. A withheld noise point counts as
         noise.
     """
-    noise = _IS_NOISE[classes] if classes is not None else None
+    unwanted = {}
+    if classes is not None:
+        unwanted[NOISE] = _IS_NOISE[classes]
+    if withheld is not None:
+        unwanted[WITHHELD] = withheld
     on_map = _all_on_map(x, y, z)
-    if on_map and (noise is None or not noise.any()) and (withheld is None or not withheld.any()):
+    if on_map and not any(marked.any() for marked in unwanted.values()):
         return Chunk(x, y, z)
-    if noise is None:
-        noise = np.zeros(len(x), dtype=bool)
-    held = np.zeros(len(x), dtype=bool) if withheld is None else withheld & ~noise
-    keep = ~(noise | held)
-    counts = {NOISE: int(noise.sum()), WITHHELD: int(held.sum())}
     if not on_map:
-        for reason, off in _off_the_map(x, y, z):
-            counts[reason] = int((off & keep).sum())
-            keep &= ~off
-    left_out = {reason: count for reason, count in counts.items() if count}
+        unwanted.update(_off_the_map(x, y, z))
+    keep = np.ones(len(x), dtype=bool)
+    left_out = {}
+    for reason, marked in unwanted.items():  # the first reason counts
+        count = int((marked & keep).sum())
+        if count:
+            left_out[reason] = count
+        keep &= ~marked
     return Chunk(x[keep], y[keep], z[keep], left_out, keep)
 
 
-def _off_the_map(
-    x: FloatArray, y: FloatArray, z: FloatArray
-) -> Iterator[Tuple[str, npt.NDArray[np.bool_]]]:
-    """Yield each reason to leave points out and the points concerned; the first reason counts."""
+def _off_the_map(x: FloatArray, y: FloatArray, z: FloatArray) -> Dict[str, npt.NDArray[np.bool_]]:
+    """Return which points are left out, by reason."""
     axes = np.array([x, y, z])
-    yield NO_PLACE, np.isnan(axes).all(axis=0)
-    yield NOT_FINITE, ~np.isfinite(axes).all(axis=0)
     reach = np.abs(axes)
     void = (reach[2] >= _VOID_FROM) & (reach[2] <= _VOID_TO)
-    yield VOID, void & (reach[:2] <= MAX_COORDINATE).all(axis=0)
-    yield OFF_THE_MAP, ~(reach <= MAX_COORDINATE).all(axis=0)
+    return {
+        NO_PLACE: np.isnan(axes).all(axis=0),
+        NOT_FINITE: ~np.isfinite(axes).all(axis=0),
+        VOID: void & (reach[:2] <= MAX_COORDINATE).all(axis=0),
+        OFF_THE_MAP: ~(reach <= MAX_COORDINATE).all(axis=0),
+    }
 
 
 def _all_on_map(*axes: FloatArray) -> bool:
@@ -156,8 +149,8 @@ def _all_on_map(*axes: FloatArray) -> bool:
         )
 
 
-def mostly_sound(path: Path, chunks: Iterable[Chunk]) -> Iterator[Chunk]:
-    """Pass on all chunks of a file.
+def require_few_damaged(path: Path, chunks: Iterable[Chunk]) -> Iterator[Chunk]:
+    """Deliver the chunks of a file, and refuse it when too many points are damaged.
 
     Raises
     ------
@@ -171,16 +164,10 @@ def mostly_sound(path: Path, chunks: Iterable[Chunk]) -> Iterator[Chunk]:
         yield chunk
     if damaged > _MOST_DAMAGED * read:
         raise CloudError(
-            f"{path}: {damaged} of {read} points have a coordinate that is NaN or infinite beside "
-            f"others that are numbers; expected at most {_MOST_DAMAGED:.0%}, which would be left "
-            "out: check the columns, or remove such points and write the file again"
+            f"{path}: {damaged} of {read} points have a coordinate that is NaN or infinite, and "
+            f"others that are valid; expected at most {_MOST_DAMAGED:.0%}, which are left "
+            "out: check which columns are x, y and z, or remove such points and export it again"
         )
-
-
-def finite_rows(*axes: FloatArray) -> Optional[npt.NDArray[np.bool_]]:
-    """Return which rows have numbers for all coordinates; None for all."""
-    keep: npt.NDArray[np.bool_] = np.logical_and.reduce([np.isfinite(axis) for axis in axes])
-    return None if keep.all() else keep
 
 
 def require_on_map(path: Path, x: FloatArray, y: FloatArray, z: FloatArray, first: int) -> None:
@@ -194,9 +181,9 @@ def require_on_map(path: Path, x: FloatArray, y: FloatArray, z: FloatArray, firs
         )
 
 
-def gather(chunks: Iterable[Chunk], size: int) -> Iterator[Chunk]:
-    """Join small chunks until `size` points are together, so that each costs its share only."""
-    waiting: list[Chunk] = []
+def rechunk(chunks: Iterable[Chunk], size: int) -> Iterator[Chunk]:
+    """Join small chunks into chunks of at most `size` points, which cost less per point."""
+    waiting: List[Chunk] = []
     points = 0
     for chunk in chunks:
         if waiting and points + len(chunk) > size:
@@ -208,22 +195,17 @@ def gather(chunks: Iterable[Chunk], size: int) -> Iterator[Chunk]:
         yield _join(waiting)
 
 
-def _join(chunks: list[Chunk]) -> Chunk:
+def _join(chunks: List[Chunk]) -> Chunk:
     if len(chunks) == 1:
         return chunks[0]
-    left_out: Dict[str, int] = {}
+    left_out: Counter[str] = Counter()
     for chunk in chunks:
-        for reason, count in chunk.left_out.items():
-            left_out[reason] = left_out.get(reason, 0) + count
-    return Chunk(
-        np.concatenate([chunk.x for chunk in chunks]),
-        np.concatenate([chunk.y for chunk in chunks]),
-        np.concatenate([chunk.z for chunk in chunks]),
-        left_out,
-    )
+        left_out.update(chunk.left_out)
+    x, y, z = (np.concatenate([getattr(chunk, axis) for chunk in chunks]) for axis in "xyz")
+    return Chunk(x, y, z, dict(left_out))
 
 
-def survey(chunks: Iterable[Chunk]) -> Tuple[int, Optional[Bounds]]:
+def count_and_bounds(chunks: Iterable[Chunk]) -> Tuple[int, Optional[Bounds]]:
     """Count the points and find their box by reading them all once.
 
     Returns
@@ -231,21 +213,26 @@ def survey(chunks: Iterable[Chunk]) -> Tuple[int, Optional[Bounds]]:
     count : points read, those left out included.
     bounds : box of the points delivered, or None when there are none.
     """
-    count = 0
-    low = np.full(3, np.inf)
-    high = np.full(3, -np.inf)
+    count, bounds = 0, None
     for chunk in chunks:
         count += len(chunk) + sum(chunk.left_out.values())
-        if len(chunk):
-            low = np.minimum(low, [chunk.x.min(), chunk.y.min(), chunk.z.min()])
-            high = np.maximum(high, [chunk.x.max(), chunk.y.max(), chunk.z.max()])
-    if not np.isfinite(low).all():
-        return count, None
-    return count, Bounds(*low.tolist(), *high.tolist())
+        bounds = union([bounds, box_of(chunk)])
+    return count, bounds
+
+
+def union(boxes: Iterable[Optional[Bounds]]) -> Optional[Bounds]:
+    """Return the box of all boxes; None among them do not matter, and None is that of none."""
+    known = [box for box in boxes if box is not None]
+    if not known:
+        return None
+    return Bounds(
+        *(min(getattr(box, f"min_{axis}") for box in known) for axis in "xyz"),
+        *(max(getattr(box, f"max_{axis}") for box in known) for axis in "xyz"),
+    )
 
 
 def touches(bounds: Optional[Bounds], window: Optional[Window]) -> bool:
-    """Whether a box has anything in common with a window; True when either is unknown."""
+    """Whether a box and a window overlap; True when either is unknown."""
     if bounds is None or window is None:
         return True
     return (
@@ -253,6 +240,13 @@ def touches(bounds: Optional[Bounds], window: Optional[Window]) -> bool:
         and bounds.max_x >= window.min_x
         and bounds.min_y <= window.max_y
         and bounds.max_y >= window.min_y
+    )
+
+
+def widened(window: Window, some: float) -> Window:
+    """Return a window that is larger by `some` on all sides."""
+    return Window(
+        window.min_x - some, window.min_y - some, window.max_x + some, window.max_y + some
     )
 
 
@@ -265,7 +259,7 @@ def box_of(chunk: Chunk) -> Optional[Bounds]:
 
 
 def within(inner: Bounds, outer: Bounds, some: float = 0.0) -> bool:
-    """Whether a box lies in another, or reaches beyond it by `some` at most."""
+    """Whether a box lies within another, with a tolerance of `some`."""
     return all(
         getattr(inner, f"min_{axis}") >= getattr(outer, f"min_{axis}") - some
         and getattr(inner, f"max_{axis}") <= getattr(outer, f"max_{axis}") + some
@@ -274,7 +268,7 @@ def within(inner: Bounds, outer: Bounds, some: float = 0.0) -> bool:
 
 
 def overlap(one: Bounds, other: Bounds) -> bool:
-    """Whether two boxes have anything in common."""
+    """Whether two boxes overlap."""
     return all(
         getattr(one, f"min_{axis}") <= getattr(other, f"max_{axis}")
         and getattr(other, f"min_{axis}") <= getattr(one, f"max_{axis}")
@@ -282,9 +276,9 @@ def overlap(one: Bounds, other: Bounds) -> bool:
     )
 
 
-def coarse(
+def scale_warnings(
     path: Path, steps: Sequence[float], bounds: Optional[Bounds], count: Optional[int]
-) -> Tuple[str, ...]:
+) -> Tuple[Notice, ...]:
     """Warn where the steps of x, y and z are larger than the points' mean spacing.
 
     Where x and y may be degrees, the spacing says nothing of z.
@@ -302,16 +296,17 @@ def coarse(
     if not large:
         return ()
     axes = ", ".join(f"{axis} in steps of {step:g}" for axis, step in large.items())
-    return (
-        f"{path}: its header has {axes}, and the points' mean spacing is {spacing:.2g}: places and "
-        "heights are rounded to these steps, and points fall onto each other; export it again with "
-        "a finer scale",
+    text = (
+        f"{path}: its header has {axes}, and the points' mean spacing is {spacing:.2g}: "
+        "coordinates are rounded to these steps, and points coincide; export it again with a finer "
+        "scale"
     )
+    return (Notice("scale-coarse", text, file=str(path), spacing=spacing, steps=large),)
 
 
 @contextmanager
 def naming(path: Path, advice: str) -> Iterator[None]:
-    """Turn whatever a library raises about a file into one line that names the file.
+    """Turn any error of a library into a CloudError of one line that names the file.
 
     `advice` completes the sentence: what was expected and what to do.
     """

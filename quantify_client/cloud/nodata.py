@@ -7,16 +7,15 @@ that the answer is the same in any order and from any chunks.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Dict, Iterator, List, Optional, Sequence
+from collections import Counter
+from dataclasses import replace
+from typing import Dict, Iterator, List, NamedTuple, Optional, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
-from ..types import MAX_COORDINATE, Bounds, Chunk, CloudInfo, FloatArray, IntArray, Window
-from .base import DEFAULT_CHUNK, NODATA, Cloud, Front
-
-__all__ = ["AT_ORIGIN", "Sifted", "sifted"]
+from ..types import MAX_COORDINATE, Bounds, Chunk, CloudInfo, FloatArray, IntArray, Notice, Window
+from .base import DEFAULT_CHUNK, NODATA, Cloud, CloudWrapper
 
 AT_ORIGIN = "at the origin (0, 0, 0)"
 
@@ -31,20 +30,20 @@ of integers are the defaults of SRTM, WhiteboxTools (-32768) and GDAL (gdalraste
 -2147483647, 65535, 4294967293). The others are those of habit.
 
 Those beyond any map (1.70141e38 of Surfer, 3.4028e38 of ESRI and GDAL) need no judging, see
-:func:`.base.sort_out`.
+:func:`.base.measurable`.
 """
 
 _NEAR = 0.005  # as large as such a value's rounding may be in a file with steps of a centimetre
 _APART = 10.0  # units of height; closer to the others, a value is a height like them
 _FEWEST, _LEAST = 10, 0.001  # points at height 0, and their share, for it to be a placeholder
-_OUTSIDE = 0.01  # share of the other heights at each end that may be strays
+_OUTSIDE = 0.01  # share of the other heights at each end that may be outliers
 
 # Edges of the classes of heights: eight to a doubling, up to the end of any map.
 _STEPS = 2.0 ** (np.arange(-64, 8 * 34 + 1) / 8)
 _EDGES: FloatArray = np.concatenate([-_STEPS[::-1], _STEPS])
 
 
-def sifted(cloud: Cloud, whole: bool = True) -> Cloud:
+def without_placeholders(cloud: Cloud, whole: bool = True) -> Cloud:
     """Return the cloud without its placeholders, or the cloud itself where it has none.
 
     Parameters
@@ -62,7 +61,7 @@ def sifted(cloud: Cloud, whole: bool = True) -> Cloud:
     )
     if not (values or origin):
         return cloud
-    census = _Census(values, origin, count)
+    census = _HeightCounts(values, origin, count)
     for chunk in cloud.chunks():
         census.add(chunk)
         if census.settled:
@@ -70,8 +69,8 @@ def sifted(cloud: Cloud, whole: bool = True) -> Cloud:
     return census.judged(cloud)
 
 
-class Sifted(Front):
-    """A cloud without some heights, and without the points at its origin."""
+class WithoutPlaceholders(CloudWrapper):
+    """A cloud without points that have a placeholder as height, or lie at the origin."""
 
     def __init__(
         self, cloud: Cloud, info: CloudInfo, values: Sequence[float], origin: bool
@@ -80,53 +79,46 @@ class Sifted(Front):
         self._values, self._origin = tuple(values), origin
 
     def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
-        """Deliver what the cloud delivers, but for those."""
+        """Deliver the chunks of the cloud without these points."""
         for chunk in self._cloud.chunks(window, size):
             yield self._without(chunk)
 
     def _without(self, chunk: Chunk) -> Chunk:
-        lost = _at_origin(chunk) if self._origin else np.zeros(len(chunk), dtype=bool)
-        counts = {AT_ORIGIN: int(lost.sum())}
-        void = _is_any(chunk.z, self._values) & ~lost
-        counts[NODATA] = chunk.left_out.get(NODATA, 0) + int(void.sum())
-        lost |= void
+        origin = _at_origin(chunk) & self._origin
+        void = _is_any(chunk.z, self._values) & ~origin
+        lost = origin | void
         if not lost.any():
             return chunk
-        left_out = {**chunk.left_out, **{reason: n for reason, n in counts.items() if n}}
+        left_out = Counter(chunk.left_out)
+        left_out.update({AT_ORIGIN: int(origin.sum()), NODATA: int(void.sum())})
         kept = np.ones(len(chunk), dtype=bool) if chunk.kept is None else chunk.kept.copy()
         kept[kept] = ~lost
-        return Chunk(chunk.x[~lost], chunk.y[~lost], chunk.z[~lost], left_out, kept)
+        return Chunk(chunk.x[~lost], chunk.y[~lost], chunk.z[~lost], dict(+left_out), kept)
 
 
-def _is(z: FloatArray, value: float) -> npt.NDArray[np.bool_]:
-    return np.asarray(np.abs(z - value) <= _NEAR + 1e-6 * abs(value))
-
-
-def _is_any(z: FloatArray, values: Sequence[float]) -> npt.NDArray[np.bool_]:
-    out = np.zeros(len(z), dtype=bool)
-    for value in values:
-        out |= _is(z, value)
+def _is_any(values: FloatArray, wanted: Sequence[float]) -> npt.NDArray[np.bool_]:
+    out = np.zeros(len(values), dtype=bool)
+    for one in wanted:
+        out |= np.abs(values - one) <= _NEAR + 1e-6 * abs(one)
     return out
 
 
 def _at_origin(chunk: Chunk) -> npt.NDArray[np.bool_]:
-    return np.asarray((_is(chunk.x, 0.0)) & (_is(chunk.y, 0.0)) & (_is(chunk.z, 0.0)))
+    return np.asarray((np.abs([chunk.x, chunk.y, chunk.z]) <= _NEAR).all(axis=0))
 
 
-@dataclass(frozen=True)
-class _Spread:
-    """The other heights: all but the strays at either end, and how many there are."""
+class _Spread(NamedTuple):
+    """The other heights: all but the outliers at either end."""
 
     low: float
     high: float
-    count: int
 
     def distance(self, value: float) -> float:
         """How far from them a value is; 0 among them."""
         return max(self.low - value, value - self.high, 0.0)
 
 
-class _Census:
+class _HeightCounts:
     """Counts of one pass, from chunks in any order."""
 
     def __init__(self, values: Sequence[float], origin: bool, count: int) -> None:
@@ -146,7 +138,7 @@ class _Census:
         x, y, z = chunk.x[keep], chunk.y[keep], chunk.z[keep]
         others = z[~_is_any(z, list(self._exact))]
         for value in self._exact:
-            self._exact[value] += int(_is(z, value).sum())
+            self._exact[value] += int(_is_any(z, [value]).sum())
             self._close[value] += int((np.abs(others - value) <= _APART).sum())
         self._classes += np.bincount(np.searchsorted(_EDGES, others), minlength=len(_EDGES) + 1)
         for axis, values in enumerate((x, y, others)):
@@ -156,7 +148,7 @@ class _Census:
 
     @property
     def settled(self) -> bool:
-        """Whether no point read from now on can make anything a placeholder."""
+        """Whether further points cannot turn any value into a placeholder."""
         heights = all(n > 2 * _OUTSIDE * self._count for n in self._close.values())
         return heights and not (self._origin and self._far_origin)
 
@@ -170,29 +162,30 @@ class _Census:
         """Return the cloud without its placeholders, and with warnings that count them."""
         spread = self._spread()
         void: List[float] = []
-        said: List[str] = []
+        said: List[Notice] = []
         for value, count in self._exact.items():
             if not count or spread is None:
                 continue
             if self._is_void(value, count, spread):
                 void.append(value)
-                said.append(_told(count, value))
+                said.append(_nodata_notice(count, value))
             elif value == 0.0 and self._many(count) and spread.distance(value) > _APART:
-                said.append(_doubted(count, spread))
+                said.append(_zero_heights_notice(count, spread))
         origin = self._origin and self._at_origin > 0 and self._far_origin
         if origin:
-            said.append(_told_origin(self._at_origin))
+            said.append(_origin_notice(self._at_origin))
+        if not said:
+            return cloud
         info = replace(cloud.info, warnings=(*cloud.info.warnings, *said))
-        if not (void or origin):
-            return Sifted(cloud, info, (), False) if said else cloud
-        info = replace(info, bounds=self._box(cloud.info.bounds, void, origin))
-        return Sifted(cloud, info, void, origin)
+        if void or origin:
+            info = replace(info, bounds=self._box(cloud.info.bounds, void, origin))
+        return WithoutPlaceholders(cloud, info, void, origin)
 
     def _many(self, count: int) -> bool:
         return count >= max(_FEWEST, _LEAST * self._count)
 
     def _is_void(self, value: float, count: int, spread: _Spread) -> bool:
-        """Isolated: farther from the other heights than they are from each other."""
+        """Whether a value is farther from the other heights than they are from each other."""
         apart = max(spread.high - spread.low, _APART, abs(value) / 20)
         if spread.distance(value) <= apart:
             return False
@@ -202,14 +195,13 @@ class _Census:
     def _spread(self) -> Optional[_Spread]:
         total = int(self._classes.sum())
         if not total:  # where no height is any other, 0 is one
-            zeros = self._exact.get(0.0, 0)
-            return _Spread(0.0, 0.0, zeros) if zeros else None
+            return _Spread(0.0, 0.0) if self._exact.get(0.0) else None
         share = np.cumsum(self._classes)
         first = int(np.searchsorted(share, _OUTSIDE * total, side="right"))
         last = int(np.searchsorted(share, total - _OUTSIDE * total, side="left"))
         edges = np.concatenate([[-MAX_COORDINATE], _EDGES, [MAX_COORDINATE]])
         low, high = max(edges[first], self._low[2]), min(edges[last + 1], self._high[2])
-        return _Spread(float(low), float(high), total)
+        return _Spread(float(low), float(high))
 
     def _box(
         self, known: Optional[Bounds], void: Sequence[float], origin: bool
@@ -226,26 +218,27 @@ class _Census:
         return replace(box, min_x=low[0], min_y=low[1], max_x=high[0], max_y=high[1])
 
 
-def _points(count: int, one: str, many: str) -> str:
-    return f"1 point {one}" if count == 1 else f"{count} points {many}"
-
-
-def _told(count: int, value: float) -> str:
-    return (
-        f"{_points(count, 'has', 'have')} the height {value:.0f}, far from all others, which "
-        "rasters have for no data: not measured"
+def _nodata_notice(count: int, value: float) -> Notice:
+    points = "1 point has" if count == 1 else f"{count} points have"
+    text = (
+        f"{points} the height {value:.0f}, far from all others: rasters use it for missing data; "
+        "left out"
     )
+    return Notice("nodata-left-out", text, points=count, height=value)
 
 
-def _told_origin(count: int) -> str:
-    return (
-        f"{_points(count, 'lies', 'lie')} at the origin (0, 0, 0), far from all others, as points "
-        "without a place do: not measured"
+def _origin_notice(count: int) -> Notice:
+    points = "1 point lies" if count == 1 else f"{count} points lie"
+    text = (
+        f"{points} at the origin (0, 0, 0), far from all others, and have no valid position: "
+        "left out"
     )
+    return Notice("origin-left-out", text, points=count)
 
 
-def _doubted(count: int, spread: _Spread) -> str:
-    return (
+def _zero_heights_notice(count: int, spread: _Spread) -> Notice:
+    text = (
         f"{count} points have the height 0 exactly, and the others {spread.low:.4g} to "
-        f"{spread.high:.4g}: if 0 stands for no data, remove them, for they are measured"
+        f"{spread.high:.4g}: they are measured; if 0 stands for missing data, remove them"
     )
+    return Notice("zero-heights", text, points=count, low=spread.low, high=spread.high)

@@ -14,7 +14,7 @@ from typing import Callable, Iterable, Iterator, List, Mapping, Optional, Tuple,
 import numpy as np
 
 from ..cloud import DEFAULT_CHUNK, Cloud
-from ..cloud.base import NODATA, NOISE, WITHHELD, Front, box_of
+from ..cloud.base import NODATA, NOISE, WITHHELD, CloudWrapper, box_of
 from ..cloud.nodata import AT_ORIGIN
 from ..errors import CloudError
 from ..source import Source
@@ -85,7 +85,7 @@ class _OutOfBoxError(CloudError):
         self.box, self.rounded = box, count == "0"
 
 
-class _Watched(Front):
+class _Watched(CloudWrapper):
     """A cloud that raises `_OutOfBoxError` at the end of a reading that met such points.
 
     Parameters
@@ -120,7 +120,7 @@ class _Watched(Front):
             raise _OutOfBoxError(self.info.sources[0], count, seen)
 
 
-class _Whole(Front):
+class _Whole(CloudWrapper):
     """A cloud in a box that holds its points; whatever the window, all of them are delivered."""
 
     def __init__(self, cloud: Cloud, found: _OutOfBoxError) -> None:

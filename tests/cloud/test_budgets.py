@@ -12,8 +12,11 @@ import numpy as np
 import pytest
 from clouds import in_order, points, read_all, write_copc, write_ept, write_las, write_ply
 
-from quantify_client.cloud import copc, ept_index, laz_chunks, open_cloud
-from quantify_client.cloud.rewrite_source import read_las
+from quantify_client.cloud import open_cloud
+from quantify_client.cloud.ept import index as ept_index
+from quantify_client.cloud.las import chunks as laz_chunks
+from quantify_client.cloud.las import copc
+from quantify_client.cloud.writing.sources import open_sources
 from quantify_client.errors import CloudError
 from quantify_client.types import Window
 
@@ -61,7 +64,7 @@ def test_line_without_end_in_ascii_ply_is_refused(tmp_path, frugal):
 
 
 def test_lines_longer_than_a_block_in_all_and_without_a_last_end_are_read(tmp_path, monkeypatch):
-    monkeypatch.setattr("quantify_client.cloud.lines._BLOCK", 1000)
+    monkeypatch.setattr("quantify_client.cloud.text._BLOCK", 1000)
     xyz = points(500)
     rows = [" ".join(f"{v:.3f}" for v in row) + " " * (i % 300) for i, row in enumerate(xyz)]
     for ends in ("\n", "\r\n", "\r"):
@@ -97,7 +100,7 @@ def test_layer_larger_than_its_chunk_is_refused(make, layer, tmp_path):
         with pytest.raises(CloudError, match="a compressed chunk promises 4[0-9]{9} bytes"):
             read_all(open_cloud([path]), window)
     with pytest.raises(CloudError, match="a compressed chunk promises"):
-        list(read_las(path).blocks(1000))
+        list(open_sources(path)[0].blocks(1000))
 
 
 def test_each_chunk_is_looked_at_before_it_is_decoded(tmp_path):
@@ -142,7 +145,7 @@ def test_box_in_the_header_beyond_any_map_is_found_anew(number, tmp_path):
     path.write_bytes(data)
     info = open_cloud([path]).info
     assert info.bounds == told
-    assert "bounds in its header are no box" in info.warnings[0]
+    assert "bounds in its header are invalid" in info.warnings[0]
 
 
 def test_records_without_end_before_the_points_are_refused(tmp_path):

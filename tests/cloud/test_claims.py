@@ -13,9 +13,9 @@ import pytest
 from clouds import in_order, points, read_all, write_copc, write_ept, write_las
 
 from quantify_client.cloud import open_cloud
-from quantify_client.cloud.base import coarse
-from quantify_client.cloud.ept import EptCloud
-from quantify_client.cloud.las_header import read_layout
+from quantify_client.cloud.base import scale_warnings
+from quantify_client.cloud.ept.cloud import EptCloud
+from quantify_client.cloud.las.header import read_layout
 from quantify_client.errors import CloudError
 from quantify_client.types import Window
 
@@ -241,5 +241,5 @@ def test_the_steps_of_heights_are_not_held_against_degrees(tmp_path: Path) -> No
     path = tmp_path / "a.laz"
     data.write(path)
     assert open_cloud([path]).info.warnings == ()
-    (said,) = coarse(path, [1e-4, 1e-9, 0.01], open_cloud([path]).info.bounds, 2000)
+    (said,) = scale_warnings(path, [1e-4, 1e-9, 0.01], open_cloud([path]).info.bounds, 2000)
     assert "has x in steps of 0.0001, and" in said

@@ -9,7 +9,8 @@ from typing import Any, List, Mapping
 import pytest
 from clouds import points, read_all, write_ept, write_las
 
-from quantify_client.cloud import ept_index, open_cloud
+from quantify_client.cloud import open_cloud
+from quantify_client.cloud.ept import index as ept_index
 from quantify_client.errors import CloudError
 
 

@@ -19,7 +19,7 @@ from clouds import (
 )
 
 from quantify_client.cloud import open_cloud
-from quantify_client.cloud.rewrite import rewrite_cloud
+from quantify_client.cloud.writing import rewrite_cloud
 from quantify_client.errors import CloudError
 from quantify_client.types import Bounds
 

@@ -123,7 +123,7 @@ def test_empty_lines_in_place_of_points_are_missing_points(tmp_path: Path) -> No
 def test_very_many_rows_of_differing_length_before_the_points_are_not_gone_over(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("quantify_client.cloud.ply_rows._MOST_WALKED", 1000)
+    monkeypatch.setattr("quantify_client.cloud.ply.rows._MOST_WALKED", 1000)
     faces = "element face {}\nproperty list uchar uchar ids\n"
     for count, even in ((1000, False), (1002, True)):
         data = b"\0\0" * (count // 2) if even else b"\0\1\7" * (count // 2)

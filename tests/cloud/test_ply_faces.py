@@ -10,7 +10,8 @@ import plyfile
 import pytest
 from meshes import UTM, box, cube, joined, tetrahedron, write_mesh
 
-from quantify_client.cloud import Mesh, open_cloud, ply_rows
+from quantify_client.cloud import Mesh, open_cloud
+from quantify_client.cloud.ply import rows as ply_rows
 from quantify_client.errors import CloudError
 
 ORDERS = ["ascii", "binary_little_endian", "binary_big_endian"]

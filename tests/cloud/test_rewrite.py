@@ -14,7 +14,7 @@ from clouds import points, write_copc, write_las
 from rewriting import PIVOT, UTM, box, move, moved
 
 from quantify_client.cloud import open_cloud
-from quantify_client.cloud.rewrite import RewriteReport, rewrite_cloud
+from quantify_client.cloud.writing import RewriteReport, rewrite_cloud
 from quantify_client.errors import CrsError
 from quantify_client.types import Bounds
 
@@ -105,7 +105,7 @@ def test_wave_forms_are_left_out_with_a_warning(
         n for n in laspy.read(path).point_format.dimension_names if "wave" in n or n[1:] == "_t"
     ]
     require_alike(laspy.read(path), after, (*waves, "return_point_wave_location"))
-    assert "wave forms are left out" in report.warnings[0]
+    assert "waveforms are not written" in report.warnings[0]
 
 
 @pytest.mark.parametrize("crs", [UTM, "EPSG:2277+6360", "EPSG:4979", None])
@@ -167,8 +167,28 @@ def test_records_of_others_are_kept_and_those_of_places_are_not(tmp_path: Path) 
     (record,) = after.evlrs
     assert (record.user_id, record.record_data) == ("someone", long)
     assert report.warnings == (
-        "records of the cloud that say where points were, and are left out: LAStools 30",
+        "records of the cloud that hold the old positions of points, and are left out: LAStools 30",
     )
+
+
+def test_records_with_names_of_full_length_are_kept(tmp_path: Path) -> None:
+    path = write_las(tmp_path / "a.laz", points(50), vlrs=[laspy.VLR("fifteen_letters", 5)])
+    name, text = b"sixteen_letters!", b"with 32 bytes and no end \xe9 of it"[:32]
+    head = bytearray(path.read_bytes())
+    at = head.index(b"fifteen_letters")
+    head[at : at + 16], head[at + 20 : at + 52] = name, text
+    path.write_bytes(head)
+    rewritten(path)
+    assert name + head[at + 16 : at + 20] + text in (tmp_path / "out.laz").read_bytes()
+
+
+def test_readers_of_old_versions_find_the_counts(tmp_path: Path) -> None:
+    path = write_las(tmp_path / "a.laz", points(50))
+    after, _ = rewritten(path)
+    assert str(after.header.version) == "1.4"
+    counts = struct.unpack_from("<6I", (tmp_path / "out.laz").read_bytes(), 107)
+    assert counts == (50, *after.header.number_of_points_by_return[:5])
+    assert sum(counts[1:]) == sum(np.asarray(after.return_number) > 0)
 
 
 def test_header_keeps_what_identifies_the_survey(tmp_path: Path) -> None:

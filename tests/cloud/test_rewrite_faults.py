@@ -16,8 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rewriting import UTM, box, move, moved
 
-from quantify_client.cloud import rewrite, rewrite_writer
-from quantify_client.cloud.rewrite import rewrite_cloud
+from quantify_client.cloud.writing import las_file, rewrite, rewrite_cloud
 from quantify_client.errors import CloudError, OutputError
 from quantify_client.types import Bounds
 
@@ -64,7 +63,7 @@ def test_interruption_in_the_midst_of_compressing_is_one(
             raise KeyboardInterrupt
         return int(self._stream.write(data))
 
-    monkeypatch.setattr(rewrite_writer._Noting, "_put", interrupt)
+    monkeypatch.setattr(las_file._Noting, "_put", interrupt)
     path = write_las(tmp_path / "a.laz", points(50_000))
     with pytest.raises(KeyboardInterrupt):
         rewrite_cloud([path], tmp_path / "o.laz", move, box(moved(points())), UTM)
@@ -121,7 +120,7 @@ def _run(code: str, folder: Path) -> str:
     """Run in a process of its own, with a move and a box. Returns what it printed."""
     head = (
         "import resource, sys; from pathlib import Path\n"
-        "from quantify_client.cloud.rewrite import rewrite_cloud\n"
+        "from quantify_client.cloud.writing import rewrite_cloud\n"
         "from quantify_client.types import Bounds\n"
         "move = lambda x, y, z: (x + 1, y, z)\n"
         "box = Bounds(0, 0, 0, 1e6, 6e6, 1e3)\n"
@@ -132,7 +131,7 @@ def _run(code: str, folder: Path) -> str:
         stdout=subprocess.PIPE,
         text=True,
         check=True,
-        env={"PYTHONPATH": str(Path(rewrite.__file__).parents[2])},
+        env={"PYTHONPATH": str(Path(rewrite.__file__).parents[3])},
     ).stdout
 
 

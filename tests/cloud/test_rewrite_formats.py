@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from clouds import in_order, points, write_ept, write_las, write_ply, write_text
 
-from quantify_client.cloud.rewrite import RewriteReport, rewrite_cloud
+from quantify_client.cloud.writing import RewriteReport, rewrite_cloud
 from quantify_client.errors import CloudError
 from quantify_client.types import Bounds
 
@@ -91,7 +91,7 @@ def test_properties_of_ply_are_kept(order: str, tmp_path: Path) -> None:
     assert np.array_equal(las.intensity, rows["scalar_Intensity"])
     assert (las.return_number == 1).all()
     assert (las.number_of_returns == 1).all()
-    assert report.warnings == ("normals are kept as they are, whatever the move turns: nx, ny, nz",)
+    assert report.warnings == ("normals are not rotated with the points: nx, ny, nz",)
 
 
 @pytest.mark.parametrize("order", ORDERS)
@@ -187,8 +187,8 @@ def test_words_and_gaps_of_text_are_told(tmp_path: Path) -> None:
     assert list(las.point_format.extra_dimension_names) == ["value"]
     assert np.array_equal(las.value, [5, np.nan, np.nan], equal_nan=True)
     assert placed(las)[:, 2] == pytest.approx([160, 161, 162])
-    assert "columns of words are left out: name" in report.warnings[0]
-    assert "fields are empty or no number" in report.warnings[1]
+    assert "columns of text are left out: name" in report.warnings[0]
+    assert "fields are empty or not a number" in report.warnings[1]
 
 
 def test_bad_row_of_text_is_named(tmp_path: Path) -> None:
@@ -297,7 +297,7 @@ def test_tiles_of_several_formats_become_one(tmp_path: Path) -> None:
     assert not parts[1]["value-2"].any()
     assert "have point formats 1, 2, 6" in report.warnings[0]
     assert "extra attributes" in report.warnings[1]
-    assert report.warnings[2].endswith("are kept apart: value-2")
+    assert report.warnings[2].endswith("were renamed: value-2")
 
 
 def test_tiles_of_one_format_keep_it(tmp_path: Path) -> None:
@@ -333,7 +333,8 @@ def test_records_that_differ_between_tiles_are_told(tmp_path: Path) -> None:
     (kept,) = las.header.vlrs.get_by_id("someone")
     assert kept.record_data == b"one"
     assert report.warnings == (
-        "records of the cloud that differ between the files, the first counts: someone 5",
+        "records of the cloud that differ between the files, and are taken from the first: "
+        "someone 5",
     )
 
 

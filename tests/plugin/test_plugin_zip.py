@@ -223,7 +223,7 @@ def test_plyfile_is_in_no_zip_and_in_no_requirement(archive):
             if name.endswith(".py")
             and re.search(rb"^\s*(import|from) plyfile", packed.read(name), re.M)
         ]
-    assert imports == ["volcalc/quantify_client/cloud/ply_header.py"]  # where a PLY is opened
+    assert imports == ["volcalc/quantify_client/cloud/ply/header.py"]  # where a PLY is opened
 
 
 def play_pip(monkeypatch):

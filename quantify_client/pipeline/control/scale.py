@@ -7,7 +7,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any, Callable, Optional, Sequence, Tuple, Union
 
-from ...cloud.rewrite import RewriteReport, require_rewritable, rewrite_cloud
+from ...cloud.writing import RewriteReport, require_rewritable, rewrite_cloud
 from ...crs import PlacedFrame, measuring_frame
 from ...errors import UsageError
 from ...files.writing import require_replaceable

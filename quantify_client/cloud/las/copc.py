@@ -12,13 +12,12 @@ import lazrs
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import CloudError
-from ..types import Bounds, Chunk, Window
-from .base import DEFAULT_CHUNK, box_of, gather, naming, touches, within
-from .las import MAX_BUFFER, SELECTION, LasCloud, decode, read_points
-from .las_header import AGAIN, LasLayout, read_layout
-from .las_sample import spread
-from .laz_chunks import LARGEST_CHUNK
+from ...errors import CloudError
+from ...types import Bounds, Chunk, Window
+from ..base import DEFAULT_CHUNK, box_of, naming, rechunk, touches, widened, within
+from .chunks import LARGEST_CHUNK
+from .header import AGAIN, LasLayout, read_layout
+from .points import MAX_BUFFER, SELECTION, LasCloud, decode, evenly_spaced, read_points
 
 _TOP = 9  # cubes of the upper two levels
 _POINTS = 2_000  # of a cube that are looked at
@@ -55,15 +54,15 @@ def _rounding(layout: LasLayout) -> float:
 
 
 def _is_placed(layout: LasLayout) -> bool:
-    """Whether cubes from all over the index, the upper two levels among them, hold their points.
+    """Whether sampled cubes of the index, the upper two levels among them, hold their points.
 
-    Of each some points are decoded. What is damaged is told when it is read.
+    Some points of each cube are decoded. Damage is reported when the points are read.
     """
     with naming(layout.path, AGAIN), layout.path.open("rb") as stream:
         try:
             nodes = _index(layout, stream)
             nodes = nodes[np.argsort(nodes["key"][:, 0], kind="stable")]
-            nodes = nodes[sorted({*range(min(_TOP, len(nodes))), *spread(len(nodes))})]
+            nodes = nodes[sorted({*range(min(_TOP, len(nodes))), *evenly_spaced(len(nodes))})]
             nodes["points"] = np.minimum(nodes["points"], _POINTS)
             return all(
                 _holds(layout, node[0], decode(layout, _decompress(layout, stream, node)))
@@ -84,16 +83,13 @@ def _read_window(layout: LasLayout, window: Window, size: int) -> Iterator[Chunk
     with stream:
         with naming(layout.path, AGAIN):
             nodes = _index(layout, stream)
-            some = _rounding(layout)
-            around = Window(
-                window.min_x - some, window.min_y - some, window.max_x + some, window.max_y + some
-            )
+            around = widened(window, _rounding(layout))
             nodes = nodes[[touches(_box(layout, node["key"]), around) for node in nodes]]
         nodes = nodes[np.argsort(nodes["offset"])]
         for batch in _batches(nodes, min(size, MAX_BUFFER // layout.record_length)):
             with naming(layout.path, AGAIN):
                 records = _decompress(layout, stream, batch)
-            yield from gather(_of_nodes(layout, batch, records), size)
+            yield from rechunk(_of_nodes(layout, batch, records), size)
 
 
 def _of_nodes(layout: LasLayout, nodes: Nodes, records: npt.NDArray[np.uint8]) -> Iterator[Chunk]:
@@ -103,7 +99,7 @@ def _of_nodes(layout: LasLayout, nodes: Nodes, records: npt.NDArray[np.uint8]) -
         if not _holds(layout, node, chunk):
             raise CloudError(
                 f"{layout.path}: points lie outside their cube of its COPC index, so that they "
-                f"cannot be found by their place; {AGAIN}"
+                f"cannot be found by position; {AGAIN}"
             )
         yield chunk
 
@@ -173,11 +169,7 @@ def _decompress(layout: LasLayout, stream: BinaryIO, nodes: Nodes) -> npt.NDArra
         parts.append(stream.read(length))
         chunks.check(parts[-1][: chunks.head], length)
     table = list(zip(nodes["points"].tolist(), nodes["bytes"].tolist()))
-    records = np.empty(size, dtype=np.uint8)
-    lazrs.decompress_points_with_chunk_table(
-        b"".join(parts), chunks.record, records, table, SELECTION.to_lazrs()
-    )
-    return records
+    return chunks.decompress(b"".join(parts), table, layout.record_length, SELECTION)
 
 
 def open_las(path: Path) -> LasCloud:

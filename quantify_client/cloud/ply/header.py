@@ -9,13 +9,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Any, BinaryIO, Dict, List, Optional, Tuple
+from typing import Any, BinaryIO, Dict, Iterator, List, Optional, Tuple
 
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import CloudError
+from ...errors import CloudError
+from ..base import naming
+from ..text import lines_of
 
+AGAIN = "expected a complete PLY file: copy, download or export it again"
 _BLOCK = 1 << 20  # bytes of rows at a time
 _MAX_HEADER = 1 << 20
 _MAX_COLUMNS = 1000  # properties of an element; sixty are many
@@ -23,11 +26,15 @@ _MAX_COLUMNS = 1000  # properties of an element; sixty are many
 
 @dataclass(frozen=True)
 class Property:
-    """A column: its value type, and the type of its length when it is a list."""
+    """A column: its value type, the type of its length when it is a list, and its line.
+
+    In the line, which is one of the header, its name is its number: ``property uchar f3``.
+    """
 
     name: str
     kind: str
-    length_kind: Optional[str] = None
+    length_kind: Optional[str]
+    line: str
 
 
 @dataclass(frozen=True)
@@ -45,14 +52,13 @@ class Element:
 
     def dtype(self, order: str, list_length: int = 0) -> np.dtype[np.void]:
         """Layout of a binary row, with every list as long as `list_length`."""
-        fields: List[Tuple[str, str, Tuple[int, ...]]] = []
+        fields: List[Any] = []
         for index, column in enumerate(self.properties):
             if column.length_kind:
-                fields.append((f"length{index}", order + column.length_kind, ()))
-                fields.append((f"list{index}", order + column.kind, (list_length,)))
-            else:
-                fields.append((f"f{index}", order + column.kind, ()))
-        return np.dtype([(name, np.dtype((kind, shape))) for name, kind, shape in fields])
+                fields.append((f"length{index}", order + column.length_kind))
+            shape = (list_length,) if column.length_kind else ()
+            fields.append((f"f{index}", order + column.kind, shape))
+        return np.dtype(fields)
 
 
 @dataclass(frozen=True)
@@ -80,6 +86,26 @@ class PlyHeader:
     def before(self, element: Element) -> Tuple[Element, ...]:
         """Return the elements whose rows come before those of one of them."""
         return self.elements[: self.elements.index(element)]
+
+    def lines_of(self, path: Path, element: Element, size: int) -> Iterator[List[str]]:
+        """Deliver the lines of an element of an ascii file, at most `size` at a time."""
+        before = self.lines + sum(other.count for other in self.before(element))
+        taken: List[str] = []
+        done = 0
+        with naming(path, AGAIN):
+            stream = path.open("r", encoding="ascii", errors="replace")
+        with stream:
+            for lines in lines_of(path, stream, AGAIN, skip=before, size=size):
+                if taken:  # held back until it is known that it is not cut off
+                    yield taken
+                taken = lines[: element.count - done]
+                done += len(taken)
+                if done == element.count:
+                    break
+        if done < element.count:
+            raise truncated(path, element, done)
+        if taken:
+            yield taken
 
 
 def plyfile() -> Any:
@@ -130,7 +156,7 @@ def _parsed(path: Path, lines: List[str]) -> Tuple[str, Tuple[Element, ...]]:
     It is shown numbers for names, which a file may use twice and spell as it likes.
     """
     package = plyfile()
-    found: List[Tuple[str, int, List[str]]] = []
+    found: List[Tuple[str, int, List[Tuple[str, str]]]] = []
     told: List[str] = ["ply"]
     for line in lines:
         words = line.split()
@@ -141,11 +167,11 @@ def _parsed(path: Path, lines: List[str]) -> Tuple[str, Tuple[Element, ...]]:
                     "'element NAME COUNT': export it again"
                 )
             found.append((words[1], int(words[2]), []))
-            words[1:] = [str(len(found)), "0"]
+            line = f"element {len(found)} 0"
         elif words[0] == "property" and found:
-            found[-1][2].append(words[-1])
-            words[-1] = str(len(found[-1][2]))
-        told.append(" ".join(words))
+            line = " ".join([*words[:-1], f"f{len(found[-1][2])}"])
+            found[-1][2].append((words[-1], line))
+        told.append(line)
     try:
         read = package.PlyData.read(BytesIO("\n".join([*told, ""]).encode()), mmap=False)
     except (package.PlyParseError, ValueError) as fault:
@@ -155,12 +181,12 @@ def _parsed(path: Path, lines: List[str]) -> Tuple[str, Tuple[Element, ...]]:
             "'element NAME COUNT' and 'property TYPE NAME': export it again"
         ) from None
     elements = []
-    for element, (name, count, names) in zip(read, found):
-        columns = tuple(
-            Property(own, column.val_dtype, getattr(column, "len_dtype", None))
-            for own, column in zip(names, element.properties)
-        )
-        elements.append(Element(name, count, columns))
+    for element, (name, count, columns) in zip(read, found):
+        properties = [
+            Property(own, column.val_dtype, getattr(column, "len_dtype", None), line)
+            for (own, line), column in zip(columns, element.properties)
+        ]
+        elements.append(Element(name, count, tuple(properties)))
     return "" if read.text else read.byte_order, tuple(elements)
 
 
@@ -222,9 +248,10 @@ def even_length(
     return length, offset + element.count * row.itemsize
 
 
-def truncated(path: Path, element: Element) -> CloudError:
+def truncated(path: Path, element: Element, held: Optional[int] = None) -> CloudError:
     """Make the error of a file that ends among the rows of an element."""
+    what = "points" if element.name == "vertex" else f"rows of '{element.name[:40]}'"
+    found = "it ends before" if held is None else f"it holds {held}"
     return CloudError(
-        f"{path}: is truncated: its header promises {element.count} rows of "
-        f"'{element.name[:40]}', and it ends before; copy or export it again"
+        f"{path}: is truncated: its header promises {element.count} {what}, {found}; {AGAIN}"
     )

@@ -1,6 +1,6 @@
-"""What a LAZ file says of its compressed chunks, held against its size before a decoder sees it.
+"""The chunk table of a LAZ file, checked against the size of the file before it is decoded.
 
-The decoder allocates what it is told: the table of chunks at the length that its head gives, a
+The decoder allocates what the file claims: the table of chunks at the length that its head gives, a
 chunk for as many points as the table or the LASzip record says, and each layer of a chunk (from
 point format 6 on the fields are compressed apart, in layers) at the size at the chunk's start. A
 layer of 4 GB costs a hostile file four bytes, and an allocation that fails ends the whole process.
@@ -11,14 +11,14 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, List, Optional, Sequence, Tuple
+from typing import Any, BinaryIO, Iterator, List, Sequence, Tuple
 
 import lazrs
 import numpy as np
+import numpy.typing as npt
+from laspy import DecompressionSelection
 
-from ..errors import CloudError
-
-__all__ = ["LARGEST_CHUNK", "Chunks", "Watch", "read_chunks", "require_empty"]
+from ...errors import CloudError
 
 LARGEST_CHUNK = 256 << 20
 """Bytes of one chunk's points that are held at most; chunks are of 2 MB as a rule."""
@@ -44,6 +44,8 @@ class Chunks:
     table : points and bytes of each chunk, in file order.
     start : where the first chunk begins.
     parallel : False when chunks are too large to be decoded side by side.
+    layers : how many layers a chunk has; 0 below point format 6.
+    head : bytes at the start of a chunk that tell how large its layers are; 0 without layers.
     """
 
     path: Path
@@ -51,70 +53,49 @@ class Chunks:
     table: Sequence[Tuple[int, int]]
     start: int
     parallel: bool
-
-    @property
-    def head(self) -> int:
-        """Bytes at the start of a chunk that tell how large its layers are; 0 without layers."""
-        return _head(self.record)
+    layers: int
+    head: int
 
     def check(self, head: bytes, length: int) -> None:
         """Raise CloudError when a chunk of `length` bytes cannot hold the layers it promises."""
-        layers = _layers(self.record)
-        if not layers or not length:
+        if not self.layers or not length:
             return
-        held = length - self.head
-        if held < 0 or len(head) < self.head:
-            promised = self.head
-        else:
-            promised = sum(struct.unpack_from(f"<{layers}I", head, self.head - 4 * layers))
-        if promised > max(held, 0):
+        held, promised = max(length - self.head, 0), self.head
+        if length >= self.head <= len(head):
+            sizes = struct.unpack_from(f"<{self.layers}I", head, self.head - 4 * self.layers)
+            promised = sum(sizes)
+        if promised > held:
             raise CloudError(
-                f"{self.path}: a compressed chunk promises {promised} bytes and has "
-                f"{max(held, 0)}; {_AGAIN}"
+                f"{self.path}: a compressed chunk promises {promised} bytes and has {held}; "
+                f"{_AGAIN}"
             )
 
+    def checked(self, stream: BinaryIO) -> Iterator[int]:
+        """Check one chunk after the other, and yield the points of each.
 
-class Watch:
-    """Checks chunks shortly before they are decoded, so that each is fetched from the disk once.
+        Done shortly before it is decoded, each is fetched from the disk once. The stream must not
+        be that of the decoder, which must not be moved.
+        """
+        position = self.start
+        for points, length in self.table:
+            stream.seek(position)
+            self.check(stream.read(self.head), length)
+            position += length
+            yield points
 
-    It has a stream of its own: that of the decoder must not be moved.
-    """
-
-    def __init__(self, chunks: Chunks, stream: BinaryIO) -> None:
-        self._chunks, self._stream = chunks, stream
-        self._next, self._position = 0, chunks.start
-        self._checked = 0
-
-    def admit(self, points: int) -> None:
-        """Check the chunks that hold the next points."""
-        self._checked -= points
-        table = self._chunks.table
-        while self._checked < 0 and self._next < len(table):
-            held, length = table[self._next]
-            self._stream.seek(self._position)
-            self._chunks.check(self._stream.read(self._chunks.head), length)
-            self._next += 1
-            self._position += length
-            self._checked += held
-
-
-def _items(record: bytes) -> List[Tuple[int, int]]:
-    """Kind and size of each item of a point."""
-    count = struct.unpack_from("<H", record, _ITEMS - 2)[0]
-    known = min(count, (len(record) - _ITEMS) // 6)
-    return [struct.unpack_from("<HH", record, _ITEMS + 6 * i) for i in range(known)]
-
-
-def _layers(record: bytes) -> int:
-    if struct.unpack_from("<H", record)[0] != _LAYERED:
-        return 0
-    return sum(size if kind == _BYTES else _LAYERS.get(kind, 0) for kind, size in _items(record))
-
-
-def _head(record: bytes) -> int:
-    """The first point as it is, the number of points, and the size of each layer."""
-    layers = _layers(record)
-    return sum(size for _, size in _items(record)) + 4 + 4 * layers if layers else 0
+    def decompress(
+        self,
+        data: bytes,
+        table: Sequence[Tuple[int, int]],
+        point: int,
+        selection: DecompressionSelection,
+    ) -> npt.NDArray[np.uint8]:
+        """Return the records of chunks, whose points and bytes the table has."""
+        out = np.empty(sum(points for points, _ in table) * point, dtype=np.uint8)
+        lazrs.decompress_points_with_chunk_table(
+            data, self.record, out, table, selection.to_lazrs()
+        )
+        return out
 
 
 def read_chunks(
@@ -134,10 +115,10 @@ def read_chunks(
     CloudError
         The compression cannot be read, the file is truncated, or its numbers contradict each other.
     """
-    kind = struct.unpack_from("<H", record)[0] if len(record) >= _ITEMS else None
-    if kind not in _CHUNKED:
+    compressor = struct.unpack_from("<H", record)[0] if len(record) >= _ITEMS else None
+    if compressor not in _CHUNKED:
         raise CloudError(
-            f"{path}: uses LASzip compressor {kind}; expected 2 or 3: rewrite it with LASzip"
+            f"{path}: uses LASzip compressor {compressor}; expected 2 or 3: rewrite it with LASzip"
         )
     item_size = lazrs.LazVlr(record).item_size()
     if item_size != point:
@@ -148,29 +129,40 @@ def read_chunks(
     if record[12:16] == bytes(4):  # LASzip's other way to say that chunks vary; COPC of LAStools
         record = record[:12] + struct.pack("<I", _VARIABLE) + record[16:]
     chunk_size = struct.unpack_from("<I", record, 12)[0]
+    varies = chunk_size == _VARIABLE
     table = _table(path, stream, record, offset, count)
-    if chunk_size == _VARIABLE:
-        held = sum(points for points, _ in table)
-        largest = max((points for points, _ in table), default=0)
-    else:
+    if not varies:
         table = [(chunk_size, length) for _, length in table]
-        held = len(table) * chunk_size
-        largest = chunk_size
-    if held < count or (chunk_size == _VARIABLE and held != count):
+    held = sum(points for points, _ in table)
+    if held < count or (varies and held != count):
         raise CloudError(
             f"{path}: its header promises {count} points, its chunks hold "
-            f"{'at most ' if chunk_size != _VARIABLE else ''}{held}; {_AGAIN}"
+            f"{'' if varies else 'at most '}{held}; {_AGAIN}"
         )
-    chunks = Chunks(path, record, table, offset + 8, largest * point <= LARGEST_CHUNK)
-    if chunk_size != _VARIABLE and count:
+    largest = max((points for points, _ in table), default=0)
+    parallel = largest * point <= LARGEST_CHUNK
+    chunks = Chunks(path, record, table, offset + 8, parallel, *_layers(compressor, record))
+    if not varies and count:
         _require_all_counted(chunks, stream, count, chunk_size, point)
     return chunks
 
 
+def _layers(compressor: int, record: bytes) -> Tuple[int, int]:
+    """Return how many layers a chunk has, and how many bytes tell their sizes.
+
+    These are the first point as it is, the number of points, and the size of each layer.
+    """
+    if compressor != _LAYERED:
+        return 0, 0
+    count = min(struct.unpack_from("<H", record, _ITEMS - 2)[0], (len(record) - _ITEMS) // 6)
+    items = [struct.unpack_from("<HH", record, _ITEMS + 6 * index) for index in range(count)]
+    layers = sum(size if kind == _BYTES else _LAYERS.get(kind, 0) for kind, size in items)
+    return layers, sum(size for _, size in items) + 4 + 4 * layers if layers else 0
+
+
 def require_empty(path: Path, stream: BinaryIO, offset: int) -> None:
     """Raise CloudError when there are chunks, of which the header counts no point."""
-    size = stream.seek(0, 2)
-    if (_table_position(stream, offset, size) or 0) > offset + 8:
+    if _table_position(stream, offset) > offset + 8:
         raise _uncounted(path, 0)
 
 
@@ -189,30 +181,26 @@ def _require_all_counted(
     while lengths and not lengths[-1]:  # a chunk that was begun, and got no point
         del lengths[-1]
     last = count - chunk_size * (len(lengths) - 1)
-    if not lengths:
-        return
-    if last > 0:
+    if lengths and last > 0:
         stream.seek(chunks.start + sum(lengths[:-1]))
-        if not _holds_more(chunks, stream.read(lengths[-1]), last, point):
-            return
-    raise _uncounted(chunks.path, count)
+    if lengths and (last <= 0 or _holds_more(chunks, stream.read(lengths[-1]), last, point)):
+        raise _uncounted(chunks.path, count)
 
 
 def _holds_more(chunks: Chunks, data: bytes, points: int, point: int) -> bool:
-    """Whether a chunk holds more than some points.
+    """Whether a chunk holds more than some number of points.
 
-    From point format 6 on it says how many; below, decoding them would leave bytes over.
+    From point format 6 on the chunk says how many it holds. Below that, bytes are left over when
+    so many points have been decoded.
     """
     if chunks.head:
-        at = chunks.head - 4 * _layers(chunks.record) - 4
+        at = chunks.head - 4 * chunks.layers - 4
         return len(data) >= chunks.head and struct.unpack_from("<I", data, at)[0] > points
     if len(data) <= _SLACK or points * point > _LARGEST_LOOK:
         return False
-    out = np.empty(points * point, dtype=np.uint8)
     try:
-        lazrs.decompress_points_with_chunk_table(
-            data[:-_SLACK], chunks.record, out, [(points, len(data) - _SLACK)]
-        )
+        table = [(points, len(data) - _SLACK)]
+        chunks.decompress(data[:-_SLACK], table, point, DecompressionSelection.all())
     except (lazrs.LazrsError, RuntimeError):
         return False
     return True
@@ -222,9 +210,8 @@ def _table(path: Path, stream: BinaryIO, record: bytes, offset: int, count: int)
     truncated = CloudError(
         f"{path}: is truncated: it has no complete table of its compressed chunks; {_AGAIN}"
     )
-    size = stream.seek(0, 2)
-    position = _table_position(stream, offset, size)
-    if position is None or position < offset + 8 or position + 8 > size:
+    position = _table_position(stream, offset)
+    if position < offset + 8 or position + 8 > stream.seek(0, 2):
         raise truncated
     stream.seek(position + 4)
     chunks = int.from_bytes(stream.read(4), "little")
@@ -240,14 +227,10 @@ def _table(path: Path, stream: BinaryIO, record: bytes, offset: int, count: int)
     return table
 
 
-def _table_position(stream: BinaryIO, offset: int, size: int) -> Optional[int]:
+def _table_position(stream: BinaryIO, offset: int) -> int:
     stream.seek(offset)
-    position = _int64(stream.read(8))
+    position = int.from_bytes(stream.read(8), "little", signed=True)
     if position == -1:  # written as a stream: the position is at the very end instead
-        stream.seek(max(size - 8, 0))
-        position = _int64(stream.read(8))
+        stream.seek(max(stream.seek(0, 2) - 8, 0))
+        position = int.from_bytes(stream.read(8), "little", signed=True)
     return position
-
-
-def _int64(data: bytes) -> Optional[int]:
-    return int.from_bytes(data, "little", signed=True) if len(data) == 8 else None

@@ -1,6 +1,6 @@
-"""How finely coordinates are written, and from where they are counted.
+"""The scale and the offsets with which coordinates are written.
 
-LAS holds each coordinate as a 32-bit integer: X = round((x - offset) / step).
+LAS holds each coordinate as a 32-bit integer: X = round((x - offset) / scale).
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from typing import Callable, Iterable, List, Optional, Tuple
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import OutputError
-from ..types import Bounds, FloatArray
+from ...errors import OutputError
+from ...types import Bounds, FloatArray, Notice
 
 Move = Callable[[FloatArray, FloatArray, FloatArray], Tuple[FloatArray, FloatArray, FloatArray]]
 
@@ -27,17 +27,18 @@ _PROBE = 0.01  # share of the box over which a move is tried
 
 
 @dataclass(frozen=True)
-class Quantum:
-    """The steps and the offsets of x, y and z."""
+class Quantization:
+    """The scale of x, y and z, and their offsets."""
 
-    step: float
-    offsets: Tuple[float, float, float]
+    scale: float
+    offsets: Tuple[float, ...]
 
     def integers(self, out: Path, axis: int, values: FloatArray) -> npt.NDArray[np.int32]:
-        """Count steps.
+        """Return coordinates as a file holds them.
 
         Parameters
         ----------
+        out : the file, for messages.
         values : (N,) float64; coordinates of one axis (0, 1 or 2).
 
         Raises
@@ -45,11 +46,11 @@ class Quantum:
         OutputError
             A coordinate that is NaN, or farther from the offset than 2**31 steps.
         """
-        counted = np.rint((values - self.offsets[axis]) / self.step)
+        counted = np.rint((values - self.offsets[axis]) / self.scale)
         with np.errstate(invalid="ignore"):
             bad = ~(np.abs(counted) <= _LARGEST)
         if bad.any():
-            reach = _LARGEST * self.step
+            reach = _LARGEST * self.scale
             raise OutputError(
                 f"{out}: a moved point has {'xyz'[axis]} = {values[np.argmax(bad)]:.10g}; expected "
                 f"{self.offsets[axis] - reach:.10g} to {self.offsets[axis] + reach:.10g}, around "
@@ -59,38 +60,34 @@ class Quantum:
         whole: npt.NDArray[np.int32] = counted.astype(np.int32)
         return whole
 
-    def value(self, axis: int, integer: int) -> float:
-        """Find the coordinate that a reader makes of an integer."""
-        return integer * self.step + self.offsets[axis]
 
-
-def fitted(step: float, bounds: Bounds) -> Tuple[Quantum, Tuple[str, ...]]:
-    """Place the offsets in the middle of a box, in whole numbers, and coarsen if need be.
+def fitted(step: float, bounds: Bounds) -> Tuple[Quantization, Tuple[Notice, ...]]:
+    """Return offsets in the middle of a box, in whole numbers, and a scale that reaches its ends.
 
     Returns
     -------
-    quantum : with a step of `step` times a power of ten.
+    quantization : with a scale of `step` times a power of ten.
     warnings : what is to be said when it is coarser than `step`.
     """
-    low = (bounds.min_x, bounds.min_y, bounds.min_z)
-    high = (bounds.max_x, bounds.max_y, bounds.max_z)
-    if not all(math.isfinite(value) for value in (*low, *high)):
+    low, high = _ends(bounds)
+    if not (np.isfinite(low).all() and np.isfinite(high).all()):
         raise OutputError(
-            f"the box of the moved points is {low} to {high}; expected finite numbers: check the "
-            "control and the cloud's bounds"
+            f"the box of the moved points is {tuple(low.tolist())} to {tuple(high.tolist())}; "
+            "expected finite numbers: check the control and the cloud's bounds"
         )
-    middle = [float(round((a + b) / 2)) for a, b in zip(low, high)]
-    reach = max(max(b - m, m - a) for a, b, m in zip(low, high, middle))
+    middle = np.round((low + high) / 2) + 0.0  # no negative zero
+    reach = float(max((high - middle).max(), (middle - low).max()))
     used = step
     while reach * 1.01 > _LARGEST * used:
         used *= 10
-    quantum = Quantum(used, (middle[0], middle[1], middle[2]))
+    quantization = Quantization(used, tuple(middle.tolist()))
     if used == step:
-        return quantum, ()
-    return quantum, (
-        f"coordinates are written in steps of {used:g} instead of {step:g}: finer ones do not "
-        f"reach over {2 * reach:.6g}",
+        return quantization, ()
+    text = (
+        f"coordinates are written in steps of {used:g} instead of {step:g}: with finer steps a "
+        f"LAS file cannot span {2 * reach:.6g}"
     )
+    return quantization, (Notice("coarser-coordinates", text, step=used, wanted=step),)
 
 
 def wanted_step(
@@ -98,7 +95,7 @@ def wanted_step(
     move: Move,
     after: Bounds,
 ) -> float:
-    """Choose a step that loses nothing of what the files resolve.
+    """Return a scale that keeps the resolution of the files.
 
     That is the finest step of the files, at most 0.001, or what it has become where the move
     changes the unit (degrees to metres, say). Files without steps of their own (PLY, text) are
@@ -110,20 +107,22 @@ def wanted_step(
     move : the way from the coordinates in the files to those written.
     after : the box of the moved points.
     """
+    low, high = _ends(after)
+    side = float((high - low).max())
     found: List[float] = [COARSEST]
     tried = set()
     for steps, bounds in sources:
         if steps is None:
-            found.append(_share_of(after))
+            found.append(_SHARE * _power_below(side) if 0 < side < math.inf else COARSEST)
         elif steps not in tried:
             tried.add(steps)
             found.append(_moved_step(steps, bounds, move))
     return min(found)
 
 
-def _share_of(box: Bounds) -> float:
-    side = max(box.max_x - box.min_x, box.max_y - box.min_y, box.max_z - box.min_z)
-    return _SHARE * _power_below(side) if 0 < side < math.inf else COARSEST
+def _ends(box: Bounds) -> Tuple[FloatArray, FloatArray]:
+    low = np.array([box.min_x, box.min_y, box.min_z])
+    return low, np.array([box.max_x, box.max_y, box.max_z])
 
 
 def _power_below(value: float) -> float:
@@ -131,11 +130,10 @@ def _power_below(value: float) -> float:
 
 
 def _moved_step(steps: Tuple[float, ...], bounds: Optional[Bounds], move: Move) -> float:
-    """The finest of three steps, after the move."""
+    """Return the finest of three steps, after the move."""
     if bounds is None:
         return min(steps)
-    low = np.array([bounds.min_x, bounds.min_y, bounds.min_z])
-    high = np.array([bounds.max_x, bounds.max_y, bounds.max_z])
+    low, high = _ends(bounds)
     apart = np.maximum((high - low) * _PROBE, np.array(steps) * 1000)
     at = np.vstack([np.zeros(3), np.diag(apart)]) + (low + high) / 2
     moved = np.column_stack(move(*(np.ascontiguousarray(at[:, axis]) for axis in range(3))))

@@ -8,20 +8,16 @@ from __future__ import annotations
 
 from io import BytesIO
 from pathlib import Path
-from typing import Any, BinaryIO, Iterator, List, NamedTuple, Optional, Tuple
+from typing import Any, BinaryIO, Iterator, NamedTuple, Optional, Tuple
 
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import CloudError
-from ..types import Faces, IntArray
-from .base import naming
-from .lines import Lines
-from .ply_header import Element, PlyHeader, even_length, plyfile, truncated
+from ...errors import CloudError
+from ...types import Faces, IntArray
+from ..base import naming
+from .header import AGAIN, Element, PlyHeader, even_length, plyfile, truncated
 
-__all__ = ["FACES", "FaceRows", "element_offset", "faces_of", "read_faces"]
-
-_AGAIN = "expected a complete PLY file: copy, download or export it again"
 _ORDERS = {"<": "binary_little_endian", ">": "binary_big_endian"}
 _MOST_WALKED = 2_000_000  # rows one by one: some ten seconds
 _ROWS = 10_000  # of these at a time
@@ -61,22 +57,15 @@ def element_offset(path: Path, header: PlyHeader, wanted: Element) -> int:
     for element in header.before(wanted):
         length, end = even_length(path, element, header.order, offset, size)
         if length is None:
-            end = _walk(path, element, header.order, offset)
+            with path.open("rb") as stream:
+                stream.seek(offset)
+                for _ in _one_by_one(path, stream, element, header.order):
+                    pass
+                end = stream.tell()
         if end > size:
-            raise CloudError(
-                f"{path}: is truncated before its '{wanted.name[:40]}'; copy or export it again"
-            )
+            raise truncated(path, element)
         offset = end
     return offset
-
-
-def _walk(path: Path, element: Element, order: str, offset: int) -> int:
-    """Return where rows of differing length end."""
-    with path.open("rb") as stream:
-        stream.seek(offset)
-        for _ in _one_by_one(path, stream, element, order):
-            pass
-        return stream.tell()
 
 
 def _one_by_one(
@@ -86,10 +75,10 @@ def _one_by_one(
     if element.count > _MOST_WALKED:
         raise CloudError(
             f"{path}: has {element.count} rows of '{element.name[:40]}' of differing length (or "
-            f"ends before them), of which at most {_MOST_WALKED} are gone over; export it again, "
+            f"ends before them), of which at most {_MOST_WALKED} can be read; export it again, "
             "as triangles or without faces"
         )
-    columns = "".join(_line(index, element) for index in range(len(element.properties)))
+    columns = "".join(f"{column.line}\n" for column in element.properties)
     package, size = plyfile(), path.stat().st_size
     for start in range(0, element.count, _ROWS):
         rows = min(_ROWS, element.count - start)
@@ -99,15 +88,6 @@ def _one_by_one(
         except package.PlyElementParseError:
             raise truncated(path, element) from None
         yield read["row"].data
-
-
-def _line(index: int, element: Element) -> str:
-    """Return the header's line for a column, named by its number."""
-    names = {"i1": "char", "u1": "uchar", "i2": "short", "u2": "ushort"}
-    names.update({"i4": "int", "u4": "uint", "f4": "float", "f8": "double"})
-    column = element.properties[index]
-    length = f"list {names[column.length_kind]} " if column.length_kind else ""
-    return f"property {length}{names[column.kind]} f{index}\n"
 
 
 class _Headed:
@@ -133,7 +113,7 @@ def read_faces(path: Path, header: PlyHeader, rows: FaceRows) -> Faces:
         The file ends before them, or one of them has a corner that is no point of the file.
     """
     read = _binary if header.order else _ascii
-    with naming(path, _AGAIN):
+    with naming(path, AGAIN):
         parts = list(read(path, header, rows))
         none = np.zeros(0, dtype=np.int64)
         corners = np.concatenate([part[0] for part in parts] or [none])
@@ -170,28 +150,22 @@ def _binary(path: Path, header: PlyHeader, rows: FaceRows) -> Iterator[Tuple[Int
             table = np.fromfile(stream, layout, wanted)
             if len(table) < wanted:
                 raise truncated(path, element)
-            yield table[f"list{column}"].astype(np.int64).ravel(), np.full(wanted, length)
+            yield table[f"f{column}"].astype(np.int64).ravel(), np.full(wanted, length)
 
 
 def _ascii(path: Path, header: PlyHeader, rows: FaceRows) -> Iterator[Tuple[IntArray, IntArray]]:
     element, column = rows  # what comes before the first list is one value each
-    with path.open("r", encoding="ascii", errors="replace") as stream:
-        lines = Lines(path, stream, _AGAIN)
-        lines.skip(header.lines + sum(other.count for other in header.before(element)))
-        done = 0
-        while done < element.count:
-            taken = lines.take(min(_TABLE, element.count - done))
-            if not taken:
-                raise truncated(path, element)
-            sizes = np.array([_length(path, line, column) for line in taken])
-            corners = np.empty(sizes.sum(), dtype=np.int64)
-            first = np.cumsum(sizes) - sizes
-            for size in np.unique(sizes[sizes > 0]).tolist():
-                same = np.flatnonzero(sizes == size)
-                table = _numbers([taken[row] for row in same.tolist()], column + 1, size)
-                corners[first[same][:, None] + np.arange(size)] = table
-            yield corners, sizes
-            done += len(taken)
+    for lines in header.lines_of(path, element, _TABLE):
+        sizes = np.array([_length(path, line, column) for line in lines])
+        corners = np.empty(sizes.sum(), dtype=np.int64)
+        first = np.cumsum(sizes) - sizes
+        for size in np.unique(sizes[sizes > 0]).tolist():
+            same = np.flatnonzero(sizes == size)
+            wanted = range(column + 1, column + 1 + size)
+            rest = [lines[row] for row in same.tolist()]
+            table: IntArray = np.loadtxt(rest, np.int64, comments=None, usecols=wanted, ndmin=2)
+            corners[first[same][:, None] + np.arange(size)] = table
+        yield corners, sizes
 
 
 def _length(path: Path, line: str, column: int) -> int:
@@ -205,12 +179,6 @@ def _length(path: Path, line: str, column: int) -> int:
             "their numbers: export it again"
         ) from None
     return count
-
-
-def _numbers(lines: List[str], first: int, count: int) -> IntArray:
-    columns = range(first, first + count)
-    table: IntArray = np.loadtxt(lines, np.int64, comments=None, usecols=columns, ndmin=2)
-    return table
 
 
 def _unrolled(corners: IntArray, sizes: IntArray) -> Tuple[IntArray, IntArray]:

@@ -7,22 +7,27 @@ compressed field by field, so that the other fields are not even decompressed.
 from __future__ import annotations
 
 from contextlib import ExitStack
-from io import BufferedReader
 from pathlib import Path
-from typing import Any, Callable, Iterator, Optional, Tuple
+from typing import Any, BinaryIO, Callable, Iterator, Optional, Tuple
 
 import lazrs
 import numpy as np
 import numpy.typing as npt
 from laspy import DecompressionSelection
 
-from ..errors import CloudError
-from ..types import Bounds, Chunk, CloudInfo, FloatArray, Window
-from .base import DEFAULT_CHUNK, coarse, naming, overlap, sort_out, survey
-from .las_crs import crs_of
-from .las_header import AGAIN, LasLayout
-from .las_sample import sample
-from .laz_chunks import Watch
+from ...errors import CloudError
+from ...types import Bounds, Chunk, CloudInfo, FloatArray, Notice, Window
+from ..base import (
+    DEFAULT_CHUNK,
+    box_of,
+    count_and_bounds,
+    measurable,
+    naming,
+    overlap,
+    scale_warnings,
+    within,
+)
+from .header import AGAIN, LasLayout, crs_of
 
 Bytes = npt.NDArray[np.uint8]
 SELECTION = (
@@ -32,6 +37,10 @@ SELECTION = (
     | DecompressionSelection.FLAGS
 )
 MAX_BUFFER = 64 << 20  # bytes of raw records held at a time, however long a record is
+_PLACES, _SAMPLED = 32, 20_000  # where a file is looked at first, and records in all
+_WHOLE = 2  # chunks that are decoded to their end: a small file, sorted perhaps
+_LARGEST = 16 << 20  # bytes of its records
+_LONGEST = 8 << 20  # bytes of a chunk that is read for it; 0.5 MB as a rule
 _EXTENDED = 6  # first point format with the class and the flags in bytes of their own
 
 
@@ -40,22 +49,21 @@ class LasCloud:
 
     def __init__(self, layout: LasLayout) -> None:
         self._layout, path = layout, layout.path
-        found = crs_of(self._layout.header)
-        bounds, warnings = self._layout.bounds, found.warnings
-        if self._layout.count and (bounds is None or not sample_lies_within(layout, bounds)):
-            _, own = survey(self.chunks())
-            bounds, said = _instead(path, bounds, own)
-            warnings += said
+        found, bounds = crs_of(layout.header), layout.bounds
+        warnings = [*found.warnings]
+        if layout.count and (bounds is None or not _sample_lies_within(layout, bounds)):
+            _, own = count_and_bounds(self.chunks())
+            bounds, said = own, _replaced(path, bounds, own)
+            warnings.append(said)
         x, y, z = (abs(float(scale)) for scale in layout.header.scales)
-        warnings += coarse(path, (x, y, z), bounds, layout.count)
         self.info = CloudInfo(
             sources=(str(path),),
             format=self._format(),
-            point_count=self._layout.count,
+            point_count=layout.count,
             bounds=bounds,
             crs=found.crs,
             crs_origin=found.origin,
-            warnings=warnings,
+            warnings=(*warnings, *scale_warnings(path, (x, y, z), bounds, layout.count)),
             crs_parts=found.parts,
             steps=(x, y, z),
         )
@@ -68,39 +76,72 @@ class LasCloud:
         return read_points(self._layout, size)
 
 
-def _instead(
-    path: Path, told: Optional[Bounds], own: Optional[Bounds]
-) -> Tuple[Optional[Bounds], Tuple[str, ...]]:
-    """Return the points' own box instead of that in the header, and what there is to say."""
+def _replaced(path: Path, told: Optional[Bounds], own: Optional[Bounds]) -> Notice:
+    """Return the warning that the header's bounds are replaced by those of the points."""
     if told is None:
-        return own, (f"{path}: the bounds in its header are no box; the points were read",)
+        text = f"{path}: the bounds in its header are invalid; those of its points are used"
+        return Notice("header-bounds-unusable", text, file=str(path))
     if own is not None and not overlap(told, own):
         raise CloudError(
             f"{path}: no point lies within the bounds that its header gives; expected all of them "
             "there: the header is another file's; export it again"
         )
-    return own, (
-        f"{path}: points lie outside the bounds in its header; all points were read, and their own "
-        "bounds taken",
+    text = (
+        f"{path}: points lie outside the bounds in its header; the bounds of all its points are "
+        "used instead"
     )
+    return Notice("header-bounds-exceeded", text, file=str(path))
 
 
-def sample_lies_within(layout: LasLayout, bounds: Bounds) -> bool:
-    """Whether a few points from all over the file lie within a box, a step of theirs more or less.
+def _sample_lies_within(layout: LasLayout, bounds: Bounds) -> bool:
+    """Whether sampled points of a file lie within a box, with a tolerance of one scale step.
 
-    A box that leaves out a good part of the points is found by it; one that leaves out a few is
-    found when all are read.
+    This finds a box that misses a good part of the points. One that misses only a few is found
+    when all are read.
     """
-    with naming(layout.path, AGAIN):
-        parts = [decode(layout, records) for records in sample(layout, SELECTION)]
-    low = np.array([bounds.min_x, bounds.min_y, bounds.min_z]) - np.abs(layout.header.scales)
-    high = np.array([bounds.max_x, bounds.max_y, bounds.max_z]) + np.abs(layout.header.scales)
-    return all(
-        low[axis] <= values.min() and values.max() <= high[axis]
-        for part in parts
-        if len(part)
-        for axis, values in enumerate((part.x, part.y, part.z))
+    x, y, z = np.abs(layout.header.scales).tolist()
+    wider = Bounds(
+        *(bounds.min_x - x, bounds.min_y - y, bounds.min_z - z),
+        *(bounds.max_x + x, bounds.max_y + y, bounds.max_z + z),
     )
+    with naming(layout.path, AGAIN), layout.path.open("rb") as stream:
+        boxes = [box_of(decode(layout, records)) for records in _sample(layout, stream)]
+    return all(box is None or within(box, wider) for box in boxes)
+
+
+def _sample(layout: LasLayout, stream: BinaryIO) -> Iterator[Bytes]:
+    """Deliver about 20,000 complete records from 32 places, of a small file more.
+
+    Of a compressed chunk the start is decoded: what is further inside would cost all before it.
+    """
+    chunks, length = layout.chunks, layout.record_length
+    if chunks is None:
+        for first in evenly_spaced(layout.count):
+            stream.seek(layout.offset + first * length)
+            data = stream.read(min(_SAMPLED // _PLACES, layout.count - first) * length)
+            yield np.frombuffer(data[: len(data) // length * length], dtype=np.uint8)
+        return
+    starts = np.cumsum([0, *(points for points, _ in chunks.table)]).tolist()
+    places = np.cumsum([chunks.start, *(size for _, size in chunks.table)]).tolist()
+    held = len(chunks.table)
+    most = layout.count if held <= _WHOLE else _SAMPLED // min(_PLACES, held)
+    for index in evenly_spaced(held):
+        points, size = chunks.table[index]
+        points = min(most, points, layout.count - starts[index])
+        if points <= 0 or not 0 < size <= _LONGEST or points * length > _LARGEST:
+            continue
+        stream.seek(places[index])
+        data = stream.read(size)
+        try:
+            chunks.check(data[: chunks.head], size)
+            yield chunks.decompress(data, [(points, size)], length, SELECTION)
+        except (CloudError, lazrs.LazrsError):
+            continue  # told when it is read
+
+
+def evenly_spaced(count: int) -> Iterator[int]:
+    """Return up to 32 numbers below a count, the first and the last among them."""
+    return iter(np.unique(np.linspace(0, max(count - 1, 0), min(_PLACES, count)).astype(int)))
 
 
 def read_points(layout: LasLayout, size: int) -> Iterator[Chunk]:
@@ -135,21 +176,24 @@ def record_reader(
     stream.seek(layout.offset)
     chunks = layout.chunks
     if chunks is None:
-        return lambda part: _fill(layout.path, stream, part)
-    watch = Watch(chunks, stack.enter_context(layout.path.open("rb")))
+
+        def fill(part: Bytes) -> None:
+            if stream.readinto(part.data) != len(part):
+                raise CloudError(f"{layout.path}: became shorter while it was read; {AGAIN}")
+
+        return fill
+    checked, ready = chunks.checked(stack.enter_context(layout.path.open("rb"))), 0
     decompressor = lazrs.ParLasZipDecompressor if chunks.parallel else lazrs.LasZipDecompressor
     source = decompressor(stream, chunks.record, selection.to_lazrs())
 
     def read(part: Bytes) -> None:
-        watch.admit(len(part) // layout.record_length)
+        nonlocal ready
+        ready -= len(part) // layout.record_length
+        while ready < 0:
+            ready += next(checked)  # there are enough: the table was held against the header
         source.decompress_many(part)
 
     return read
-
-
-def _fill(path: Path, stream: BufferedReader, part: Bytes) -> None:
-    if stream.readinto(part.data) != len(part):
-        raise CloudError(f"{path}: became shorter while it was read; {AGAIN}")
 
 
 def decode(layout: LasLayout, records: Bytes) -> Chunk:
@@ -169,7 +213,7 @@ def decode(layout: LasLayout, records: Bytes) -> Chunk:
         for axis in range(3)
     )
     classes, withheld = _flags(rows, header.point_format.id)
-    return sort_out(x, y, z, classes, withheld)
+    return measurable(x, y, z, classes, withheld)
 
 
 def _scaled(rows: Bytes, axis: int, scale: float, offset: float) -> FloatArray:

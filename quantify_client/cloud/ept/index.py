@@ -1,4 +1,4 @@
-"""The index of an Entwine Point Tile set: ept.json and its hierarchy, read with suspicion.
+"""The index of an Entwine Point Tile set: ept.json and its hierarchy.
 
 Keys become file names, so they are checked before; files are small, so their size is capped;
 nothing outside the set's folder is opened, not even through a link. Where the set lies elsewhere, a
@@ -11,14 +11,14 @@ import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Mapping, Optional, Set, Tuple
+from typing import Any, Callable, Dict, Mapping, Optional, Tuple
 
-from ..crs.statements import Stated, Statement, merge
-from ..crs.wkt import statement_of_wkt
-from ..errors import CloudError
-from ..files.reading import count_values
-from ..types import MAX_COORDINATE, Bounds, Window
-from .base import naming, within
+from ...crs.statements import Stated, Statement, merge
+from ...crs.wkt import statement_of_wkt
+from ...errors import CloudError
+from ...files.reading import count_values
+from ...types import MAX_COORDINATE, Bounds
+from ..base import naming, within
 
 AGAIN = "expected a complete EPT set: copy or export the folder again"
 _MAX_JSON = 64 << 20  # bytes
@@ -65,8 +65,8 @@ class EptIndex:
     stated: Stated
 
     def box(self, key: str) -> Bounds:
-        """The box of a tile: the cube is halved at each level."""
-        level, *place = (int(number) for number in key.split("-"))
+        """Return the box of a tile: the cube is halved at each level."""
+        level, *place = map(int, key.split("-"))
         low = (self.cube.min_x, self.cube.min_y, self.cube.min_z)
         high = (self.cube.max_x, self.cube.max_y, self.cube.max_z)
         edge = [(top - bottom) / 2.0**level for bottom, top in zip(low, high)]
@@ -78,13 +78,6 @@ class EptIndex:
         """How far points may lie outside their cubes: such boxes are often rounded."""
         return _ROUNDING * (self.cube.max_x - self.cube.min_x)
 
-    def widened(self, window: Window) -> Window:
-        """Return a window whose tiles hold all points of the one given."""
-        some = self.rounding
-        return Window(
-            window.min_x - some, window.min_y - some, window.max_x + some, window.max_y + some
-        )
-
     def holds(self, key: str, box: Optional[Bounds]) -> bool:
         """Whether a tile's cube is around a box of points."""
         return box is None or within(box, self.box(key), self.rounding)
@@ -94,15 +87,24 @@ class EptIndex:
         return within(box, self.conforming, self.rounding)
 
     def tile(self, key: str) -> Path:
-        """The file of a tile."""
+        """Return the file of a tile, which may be missing."""
         return _inside(self.root, self.tile_name(key))
 
+    def existing_tile(self, key: str) -> Path:
+        """Return the file of a tile; CloudError when it is missing."""
+        path = self.tile(key)
+        if not path.is_file():
+            raise CloudError(
+                f"{path}: is missing; the hierarchy says it holds {self.tiles[key]} points; {AGAIN}"
+            )
+        return path
+
     def tile_name(self, key: str) -> str:
-        """Name of a tile's file within the set."""
+        """Return the name of a tile's file within the set."""
         return f"ept-data/{key}{_SUFFIX[self.data_type]}"
 
     def tile_bytes(self, key: str) -> int:
-        """How large a tile's file may be."""
+        """Return how many bytes a tile's file may have."""
         return _TILE_HEAD + self.tiles[key] * _POINT_BYTES
 
 
@@ -137,7 +139,11 @@ def read_index(source: Path, fetch: Optional[Fetch] = None) -> EptIndex:
             schema=tuple(about["schema"]),
             stated=_stated(about.get("srs")),
         )
-    _require_cube(index)
+    # Tiles are found by their place in the cube: one elsewhere would lose points quietly.
+    if not within(index.conforming, index.cube, index.rounding):
+        raise CloudError(
+            f"{source}: its points reach beyond its cube (bounds and boundsConforming); {AGAIN}"
+        )
     held = sum(tiles.values())
     if held != index.count:
         raise CloudError(
@@ -146,17 +152,8 @@ def read_index(source: Path, fetch: Optional[Fetch] = None) -> EptIndex:
     return index
 
 
-def _require_cube(index: EptIndex) -> None:
-    """Tiles are found by their place in the cube: one elsewhere would lose points quietly."""
-    if not within(index.conforming, index.cube, index.rounding):
-        raise CloudError(
-            f"{index.source}: its points reach beyond its cube (bounds and boundsConforming); "
-            f"{AGAIN}"
-        )
-
-
 def _inside(root: Path, name: str) -> Path:
-    """A path below the root, after following links."""
+    """Return a path below the root, after following links."""
     path = (root / name).resolve()
     if root not in path.parents:
         raise CloudError(f"{root / name}: leads out of its EPT folder; {AGAIN}")
@@ -181,36 +178,33 @@ def _json(path: Path) -> Dict[str, Any]:
 
 
 def _hierarchy(root: Path, promised: int, fetch: Optional[Fetch]) -> Dict[str, int]:
-    """Points per tile; a count of -1 says that a file of the tile's name goes on from there.
+    """Return the points per tile.
 
-    What holds more than it promises is given up at once: it might never end.
+    A count of -1 says that a file of the tile's name goes on from there. What holds more
+    than it promises is given up at once: it might never end.
     """
     tiles: Dict[str, int] = {}
     held = 0
-    waiting: List[str] = ["0-0-0-0"]
-    seen: Set[str] = set()
+    waiting, known = ["0-0-0-0"], {"0-0-0-0"}
     new = list(waiting)
     while waiting:
         if fetch is not None and new:
-            if len(seen) + len(waiting) > _MAX_PARTS:
+            if len(known) > _MAX_PARTS:
                 raise CloudError(f"{root}: its index has more than {_MAX_PARTS} parts; {AGAIN}")
             fetch({_part(name): _MAX_JSON for name in new})
             new = []
-        name = waiting.pop()
-        if name in seen:
-            continue
-        seen.add(name)
-        path = _inside(root, _part(name))
+        path = _inside(root, _part(waiting.pop()))
         for key, count in _json(path).items():
             if not _is_key(key) or not isinstance(count, int) or count < -1:
                 raise CloudError(
                     f"{path}: has the entry {key[:40]!r}: {str(count)[:20]}; expected "
                     f"'level-x-y-z' and a number of points; {AGAIN}"
                 )
-            if count == -1:
+            if count == -1 and key not in known:
+                known.add(key)
                 waiting.append(key)
                 new.append(key)
-            elif count:
+            elif count > 0:
                 held += count
                 tiles[key] = count
         if held > promised or len(tiles) + len(waiting) > _MAX_TILES:
@@ -226,11 +220,10 @@ def _part(name: str) -> str:
 
 
 def _is_key(key: str) -> bool:
-    match = _KEY.fullmatch(key)
-    if not match:
+    if not _KEY.fullmatch(key):
         return False
-    level, *place = (int(number) for number in match.groups())
-    return level <= _MAX_LEVEL and all(number < 2**level for number in place)
+    level, *place = map(int, key.split("-"))
+    return level <= _MAX_LEVEL and max(place) < 2**level
 
 
 def _box(source: Path, values: Any) -> Bounds:

@@ -1,0 +1,1 @@
+"""Entwine Point Tiles: an index, and a file for each tile."""

@@ -1,0 +1,1 @@
+"""PLY: points, and the faces that may join them."""
