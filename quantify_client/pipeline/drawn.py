@@ -10,7 +10,7 @@ import shapely
 from scipy.spatial import KDTree
 
 from ..areas.read import Area, AreaSet, read_areas
-from ..crs import Frame, PlacedFrame
+from ..crs import Frame
 from ..source import Source
 from ..types import FloatArray, IntArray, Options, Window
 from .common import bounds_in_frame, window_of
@@ -32,8 +32,7 @@ Reduced = Tuple[IntArray, FloatArray]
 
 def cloud_window(source: Source, frame: Frame) -> Window:
     """Return the cloud's box in its own frame, before it was moved."""
-    own = frame.base if isinstance(frame, PlacedFrame) else frame
-    return window_of(bounds_in_frame(source, own))
+    return window_of(bounds_in_frame(source, frame.delivered))
 
 
 def drawn_areas(source: Source, frame: Frame, options: Options, report: Progress) -> AreaSet:
@@ -43,14 +42,14 @@ def drawn_areas(source: Source, frame: Frame, options: Options, report: Progress
     control``) they were surveyed and are where they say.
     """
     bounds = source.cloud.info.bounds
-    if not isinstance(frame, PlacedFrame) or options.area_frame == "control":
+    if frame.placement is None or options.area_frame == "control":
         return read_areas(options.area, frame, bounds)
-    drawn = read_areas(options.area, frame.base, bounds)
+    drawn = read_areas(options.area, frame.delivered, bounds)
     places = [area for area in drawn.areas if isinstance(area, Area)]
     if frame.is_upright:
         lifted = {area.name: shapely.force_3d(area.polygon, 0.0) for area in places}
     else:
-        lifted = _lifted(places, source, frame.base, options, report)
+        lifted = _lifted(places, source, frame.delivered, options, report)
     moved = [
         replace(area, polygon=_moved(lifted[area.name], frame)) if isinstance(area, Area) else area
         for area in drawn.areas
@@ -58,8 +57,8 @@ def drawn_areas(source: Source, frame: Frame, options: Options, report: Progress
     return AreaSet(tuple(moved), drawn.warnings)
 
 
-def _moved(polygon: object, frame: PlacedFrame) -> object:
-    matrix = np.array(frame.matrix)
+def _moved(polygon: object, frame: Frame) -> object:
+    matrix = frame.matrix
 
     def move(xyz: FloatArray) -> FloatArray:
         return np.asarray(xyz @ matrix[:3, :3].T + matrix[:3, 3])

@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 
 from ...areas.read import Area
-from ...crs import PlacedFrame
+from ...crs import Frame
 from ...errors import AreaError
 from ...files.reading import real_path
 from ...report.document.geojson import outlines_document
@@ -46,7 +46,7 @@ class Moving:
     failures: Tuple[AreaFailure, ...] = ()
     notes: Sequence[str] = ()
 
-    def write(self, frame: PlacedFrame, folder: Path) -> Sequence[str]:
+    def write(self, frame: Frame, folder: Path) -> Sequence[str]:
         """Write them in the coordinates of the scaled cloud; return the names of the files."""
         if self.path is None:
             return []
@@ -66,7 +66,7 @@ class Moving:
 
 
 def moved_areas(
-    source: Source, frame: PlacedFrame, options: Options, out: Path, report: Progress
+    source: Source, frame: Frame, options: Options, out: Path, report: Progress
 ) -> Moving:
     """Return the polygons moved with the cloud that is written to `out`.
 
@@ -83,16 +83,16 @@ def moved_areas(
     return Moving(areas_beside(out), areas, failures, found.warnings)
 
 
-def no_longer_fits(frame: PlacedFrame, bounds: Bounds) -> str:
+def no_longer_fits(frame: Frame, bounds: Bounds) -> str:
     """Say what a scaled cloud no longer goes with, and by how much."""
-    base = frame.base
+    base = frame.delivered
     where = "lies in a CRS of its own now" if frame.crs is not None else "has another frame now"
     if frame.crs == base.crs and base.geographic_crs is None:
         box = base.bounds_to_frame(bounds)
         corners = np.array(
             list(product((box.min_x, box.max_x), (box.min_y, box.max_y), (box.min_z, box.max_z)))
         )
-        there = np.array(frame.matrix)
+        there = frame.matrix
         apart = corners @ there[:3, :3].T + there[:3, 3] - corners
         moved = float(np.linalg.norm(apart, axis=1).max())
         where = f"has points up to {moved:.3g} m from where they were"

@@ -7,7 +7,7 @@ from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ...crs import Frame, PlacedFrame, placed_frame
+from ...crs import Frame, placed_frame
 from ...errors import ControlError
 from ...scaler.adjustment.build import CloudPlace, build_network
 from ...scaler.adjustment.direct import direct_heights
@@ -46,7 +46,7 @@ class Placement:
     """
 
     scaling: Scaling
-    frame: PlacedFrame
+    frame: Frame
     fit: Fit
     site: Site
     target: Target
@@ -57,19 +57,19 @@ class Placement:
         """Standard deviation of the scale / the scale."""
         return self.fit.std / self.fit.factor
 
-    def resized(self, share: float) -> PlacedFrame:
+    def resized(self, share: float) -> Frame:
         """Return the frame with a scale larger by a share of itself, about the control's middle."""
         similarity = self.fit.similarity
         return self._with(replace(similarity, scale=similarity.scale * (1.0 + share)))
 
-    def shifted(self, by: FloatArray) -> PlacedFrame:
+    def shifted(self, by: FloatArray) -> Frame:
         """Return the frame with the cloud lying further east, north and up, metres."""
         similarity = self.fit.similarity
         return self._with(replace(similarity, shift=similarity.shift + by))
 
-    def _with(self, similarity: Similarity) -> PlacedFrame:
+    def _with(self, similarity: Similarity) -> Frame:
         matrix = similarity.matrix()
-        return _frame(self.frame.base, self.site, self.target, matrix, self.bounds)
+        return _frame(self.frame.delivered, self.site, self.target, matrix, self.bounds)
 
 
 def place_cloud(source: Source, frame: Frame, options: Options) -> Placement:
@@ -115,7 +115,7 @@ def _moved(place: CloudPlace, matrix: FloatArray) -> CloudPlace:
 
 def _frame(
     base: Frame, site: Site, target: Target, similarity: FloatArray, bounds: Bounds
-) -> PlacedFrame:
+) -> Frame:
     matrix = target.from_local @ similarity @ site.to_local
     return placed_frame(base, matrix, target.crs, target.ground_factor, bounds)
 
@@ -162,11 +162,11 @@ def _heights(
     return out
 
 
-def _scaling(found: Fit, site: Site, frame: PlacedFrame, warnings: Sequence[str]) -> Scaling:
+def _scaling(found: Fit, site: Site, frame: Frame, warnings: Sequence[str]) -> Scaling:
     adjustment = found.adjustment
     network = adjustment.model.network
     records = observations(adjustment, site.level)
-    upright = site.local is not None and (frame.base.grid is not None or found.mode != "scale")
+    upright = site.local is not None and (frame.delivered.grid is not None or found.mode != "scale")
     up = np.where(network.clouded, adjustment.state.points[:, 2], np.nan) if upright else None
     points, loose = _points(found, site, frame)
     return Scaling(
@@ -187,12 +187,12 @@ def _scaling(found: Fit, site: Site, frame: PlacedFrame, warnings: Sequence[str]
     )
 
 
-def _own_units(frame: PlacedFrame) -> Matrix4:
+def _own_units(frame: Frame) -> Matrix4:
     """Return the transform between coordinates as files have them; the frame's is in metres.
 
     A cloud in degrees goes to its UTM zone first: for it this is the transform from there.
     """
-    base, matrix = frame.base, np.array(frame.matrix)
+    base, matrix = frame.delivered, frame.matrix
     if base.geographic_crs is None:
         matrix = matrix @ scaled((base.unit_m, base.unit_m, base.z_unit_m))
     unit = frame.unit_m
@@ -200,7 +200,7 @@ def _own_units(frame: PlacedFrame) -> Matrix4:
     return tuple(tuple(float(value) for value in row) for row in matrix)
 
 
-def _points(found: Fit, site: Site, frame: PlacedFrame) -> Tuple[List[ControlledPoint], List[str]]:
+def _points(found: Fit, site: Site, frame: Frame) -> Tuple[List[ControlledPoint], List[str]]:
     """Return the adjusted points, and a note on those that nothing ties to the others."""
     adjustment = found.adjustment
     network, state = adjustment.model.network, adjustment.state
@@ -210,7 +210,7 @@ def _points(found: Fit, site: Site, frame: PlacedFrame) -> Tuple[List[Controlled
     lon = lat = np.full(len(network.names), np.nan)
     if site.local is not None and network.placed.any():
         lon, lat = site.local.to_wgs84(state.points)
-    levelled = bool(network.levelled.any()) or frame.base.grid is not None
+    levelled = bool(network.levelled.any()) or frame.delivered.grid is not None
     points, loose = [], []
     for i, name in enumerate(network.names):
         if std[i].max() > _UNDETERMINED_M and not network.clouded[i]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Callable, Optional, Sequence, Tuple, Union
 
 from ...cloud.writing import RewriteReport, require_rewritable, rewrite_cloud
-from ...crs import PlacedFrame, measuring_frame
+from ...crs import Frame, measuring_frame
 from ...errors import UsageError
 from ...files.writing import require_replaceable
 from ...options import check_options
@@ -163,7 +163,7 @@ def _write(
     return result(written.warnings)
 
 
-def _in_own_units(frame: PlacedFrame, bounds: Bounds) -> Bounds:
+def _in_own_units(frame: Frame, bounds: Bounds) -> Bounds:
     box = frame.bounds_to_frame(bounds)
     low_z, high_z = sorted((box.min_z / frame.z_unit_m, box.max_z / frame.z_unit_m))
     x, y = (
@@ -176,9 +176,9 @@ def _in_own_units(frame: PlacedFrame, bounds: Bounds) -> Bounds:
     return Bounds(x[0], y[0], low_z, x[1], y[1], high_z)
 
 
-def _crs(frame: PlacedFrame, own: Optional[str]) -> Optional[str]:
+def _crs(frame: Frame, own: Optional[str]) -> Optional[str]:
     """Return the cloud's own CRS, heights included, where it keeps it."""
     if frame.crs is None:
         return None
-    keeps = frame.crs == frame.base.crs and frame.base.geographic_crs is None
+    keeps = frame.crs == frame.delivered.crs and frame.delivered.geographic_crs is None
     return own if keeps else frame.grid
