@@ -15,7 +15,7 @@ from ..errors import CrsError
 from ..types import Bounds, Notice
 from .frame import UNITS_M, Frame
 from .projection import CRS, parse, short, split, unbound, unit_of, utm_zone
-from .same import identifier
+from .same import identifier, same_metres
 
 __all__ = ["measuring_frame"]
 
@@ -25,8 +25,6 @@ _UNIT_NAMES = "m, cm, mm, ft or us-ft"
 # thousandth of relief makes 100 times. Where x and y are far from 0 as well for their span, as
 # places in degrees are and bodies in their own coordinates are not, a fiftieth of that is enough.
 _DEGREES, _FAR_DEGREES, _FAR = 1000.0, 20.0, 1000.0
-# Files round the foot's length to 8 or more digits; the two feet differ by 2e-6.
-_SAME_UNIT = 1e-7
 
 
 def measuring_frame(
@@ -148,7 +146,7 @@ def _length_unit(axis: Any, source_unit: Optional[str]) -> float:
             f"the cloud's CRS gives its unit {short(axis.unit_name)!r} no length; "
             "give one with metres or feet (--crs)"
         )
-    unit_m = next((m for m in UNITS_M.values() if abs(unit_m / m - 1) < _SAME_UNIT), unit_m)
+    unit_m = next((m for m in UNITS_M.values() if same_metres(unit_m, m)), unit_m)
     if source_unit is not None:
         _agree(unit_m, axis.unit_name, source_unit)
     return unit_m

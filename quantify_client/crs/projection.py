@@ -12,7 +12,7 @@ import re
 import threading
 import warnings
 from functools import lru_cache
-from typing import Any, Optional, Tuple
+from typing import Any, Dict, Optional, Tuple
 
 import numpy as np
 from pyproj import CRS, Transformer, network
@@ -134,15 +134,19 @@ def full_turn(geographic: str) -> float:
     return 2 * math.pi / unit_of(parse(geographic))[1]
 
 
-_per_thread = (
-    threading.local()
-)  # transformers, by source and target: PROJ's contexts are not shared
+class _PerThread(threading.local):
+    """Transformers of one thread: PROJ's contexts must not be shared."""
+
+    def __init__(self) -> None:
+        self.transformers: Dict[Tuple[str, str], Optional[Transformer]] = {}
+
+
+_per_thread = _PerThread()
 
 
 def transformer(source: str, target: str) -> Optional[Transformer]:
     """Find this thread's transformer; None when both are the same but for axis order."""
-    known = _per_thread.__dict__
-    key = (source, target)
+    known, key = _per_thread.transformers, (source, target)
     if key not in known:
         network.set_network_enabled(active=False)  # type: ignore[attr-defined]
         a, b = parse(source), parse(target)
@@ -154,8 +158,7 @@ def transformer(source: str, target: str) -> Optional[Transformer]:
                 f"no transformation from {short(a.name)} to {short(b.name)}: {short(error)}; "
                 "deliver the polygons and the cloud in the same CRS"
             ) from error
-    found: Optional[Transformer] = known[key]
-    return found
+    return known[key]
 
 
 def transform(
