@@ -1,6 +1,6 @@
-"""GeoTIFF keys, in which LAS files before 1.4 say their CRS.
+"""Read a CRS from GeoTIFF keys, as LAS files before 1.4 have them.
 
-A code of EPSG, or a projection spelled out by its method and parameters. Keys and codes are those
+They hold a code of EPSG, or a projection as its method and parameters. Keys and codes are those
 of GeoTIFF 1.1 (OGC 19-008r4, annexes B and C), methods and parameters those of EPSG.
 """
 

@@ -1,9 +1,9 @@
-"""What a file says of its coordinates in several places, brought together.
+"""Merge what a file states about its CRS in several places.
 
 A cloud may carry a WKT record, GeoTIFF keys, members of its index and text files beside it, each
-complete or not. Nothing that one of them says is lost: the plane comes from the first that names
-it, its unit and that of the heights from the most specific statement of each, and where two of
-them contradict each other both are told, and which was believed.
+complete or not. The horizontal CRS is that of the first one that names it; its unit, and that of
+the heights, come from the most specific statement of each. Where two of them contradict each other
+the result says both, and which was used.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _CODE = re.compile(r"EPSG:\d+")
 
 @dataclass(frozen=True)
 class Statement:
-    """What one record of a file, or one file beside it, says.
+    """What one record of a file, or one file beside it, states about the CRS.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class Statement:
 
 @dataclass(frozen=True)
 class Stated:
-    """What all statements come to.
+    """What all statements together say of a CRS.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ class _Heights:
 
 
 def merge(statements: Sequence[Statement]) -> Stated:
-    """Bring together what several records say, the more trustworthy first.
+    """Merge what several records state, the more trustworthy first.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def merge(statements: Sequence[Statement]) -> Stated:
 
 
 def stated_by(info: CloudInfo) -> Optional[Statement]:
-    """Return what a reader found, as one statement that knows where each part of it was said."""
+    """Return what a reader found as one statement, with the source of each part."""
     if info.crs is None:
         return None
     said = {part.part: part for part in info.crs_parts if part.source != ASSUMED}
@@ -144,7 +144,7 @@ def stated_by(info: CloudInfo) -> Optional[Statement]:
 
 
 def _heights_alone(known: _Heights) -> Notice:
-    """Return the warning where the unit of z is known, and that of x and y is not."""
+    """Return the warning that the unit of z is known, and that of x and y is not."""
     text = (
         f"{known.origin}: heights are in {known.unit[0]}, and nothing says the unit of x and y: z "
         "is taken to be in the same (give --crs, or --source-unit and --vertical-unit)"
@@ -153,9 +153,10 @@ def _heights_alone(known: _Heights) -> Notice:
 
 
 def _checked(statement: Statement, warnings: List[Notice], *, first: bool) -> Statement:
-    """Return a statement without what PROJ does not know, its plane in the unit beside it.
+    """Return a statement without what PROJ does not know, its plane in the unit given beside it.
 
-    What a plane and its unit contradict each other in is told of the first, which is believed.
+    Only the first plane, which is the one that is used, leads to a warning when it contradicts the
+    unit beside it.
     """
     crs = _if_known(statement.crs, statement.origin, warnings)
     vertical = _if_known(statement.vertical, statement.origin, warnings)
@@ -212,7 +213,7 @@ def _same_unit(one: Unit, other: Unit) -> bool:
 def _contradictions(
     believed: Statement, others: Sequence[Statement], warnings: List[Notice]
 ) -> Dict[str, Tuple[Contrary, ...]]:
-    """Return by part what other statements say, where it is not what is believed; warn of it."""
+    """Return what other statements say instead of what is believed, by part; warn of it."""
     found = dict(believed.contradicted_by)
     plane = _plane(str(believed.crs))
     unit = unit_of(plane)
@@ -242,7 +243,7 @@ def _contradictions(
 
 
 def _another(origin: str, option: str) -> str:
-    """Return the way out, which who gave the option himself does not need."""
+    """Return the advice to use an option, unless the value came from an option."""
     return "" if origin.startswith("--") else f" ({option} sets another)"
 
 
@@ -285,7 +286,7 @@ def _vertical_axis(statement: Statement) -> Tuple[str, Any, Optional[str]]:
 
 
 def _believed(heights: Sequence[_Heights], warnings: List[Notice]) -> _Heights:
-    """Return the first with what the others say instead; warn where they do."""
+    """Return the first, with the units that others state instead; warn of these."""
     first, contrary = heights[0], list(heights[0].contrary)
     for other in heights[1:]:
         if _same_unit(first.unit, other.unit):
