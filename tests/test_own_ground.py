@@ -11,7 +11,7 @@ from terrains import circle
 from quantify_client.types import Window
 from quantify_client.volcalc.terrain.accumulate import TerrainAccumulator
 from quantify_client.volcalc.terrain.grid_offsets import measure_area
-from quantify_client.volcalc.terrain.measure import Recipe
+from quantify_client.volcalc.terrain.measure import TerrainRecipe
 
 pytestmark = pytest.mark.one_python
 
@@ -42,9 +42,8 @@ def results(points, outlines, pieces=1, lowest=0.0):
     for part in np.array_split(points, pieces, axis=1):
         accumulator.absorb(accumulator.reduce(*part))
     for number, outline in enumerate(outlines):
-        left, bottom = outline.bounds[:2]
-        local = affinity.translate(outline, -left, -bottom)
-        yield measure_area("area", local, *accumulator.ground(number), Recipe())
+        points = accumulator.points_of(number)
+        yield measure_area("area", points.to_local(outline), points, TerrainRecipe())
 
 
 def bits(result):
@@ -110,8 +109,10 @@ def test_heights_that_fit_nowhere_are_counted():
     points[2, ::50] += 1e9
     accumulator = TerrainAccumulator([Window(*affinity.translate(OUTLINE, EAST, NORTH).bounds)])
     accumulator.absorb(accumulator.reduce(*points))
-    cubes, _ = accumulator.ground(0)
-    assert cubes.too_far == pytest.approx(15_000 / 50 * (18 / 40) ** 2, rel=0.3)
+    cubes = accumulator.points_of(0).cubes
+    assert cubes.too_far == pytest.approx(
+        15_000 / 50 * (18 / 40) ** 2, rel=0.3
+    )
 
 
 @pytest.mark.parametrize("scale", [2.0**-9, 0.25, 4.0, 2.0**12])
@@ -151,9 +152,9 @@ def test_other_areas_and_other_parts_of_a_cloud_change_no_digit(plain, seed):
     accumulator = TerrainAccumulator([Window(*o.bounds) for o in outlines], rng.uniform(-9, 9))
     for part in np.array_split(points, rng.integers(1, 9), axis=1):
         accumulator.absorb(accumulator.reduce(*part))
-    left, bottom = mine.bounds[:2]
-    local = affinity.translate(mine, -left, -bottom)
-    assert bits(measure_area("area", local, *accumulator.ground(place), Recipe())) == bits(plain)
+    kept = accumulator.points_of(place)
+    found = measure_area("area", kept.to_local(mine), kept, TerrainRecipe())
+    assert bits(found) == bits(plain)
 
 
 def test_two_equal_yards_give_equal_volumes_however_far_apart(plain):

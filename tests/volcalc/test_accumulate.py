@@ -19,8 +19,9 @@ SITES = [
 
 
 def bits(accumulator, number):
-    cubes, points = accumulator.ground(number)
-    return [cubes.column, cubes.row, cubes.bin, cubes.count, cubes.inside, points]
+    points = accumulator.points_of(number)
+    cubes = points.cubes
+    return [cubes.column, cubes.row, cubes.bin, cubes.count, cubes.inside, points.sample]
 
 
 def same(one, other):
@@ -50,7 +51,8 @@ def test_an_area_s_cubes_are_those_of_the_points_in_its_window():
     accumulator = filled(SITES[:1], (x, y, z))
     near = accumulator.window
     inside = (x >= near.min_x) & (x < near.max_x) & (y >= near.min_y) & (y < near.max_y)
-    cubes, points = accumulator.ground(0)
+    kept = accumulator.points_of(0)
+    cubes, points = kept.cubes, kept.sample
     assert accumulator.seen == 20_000
     assert cubes.count.sum() == inside.sum()
     site = SITES[0]
@@ -95,7 +97,7 @@ def test_areas_that_memory_does_not_hold_wait_for_another_pass(monkeypatch):
     assert 0 not in accumulator.postponed
     same(bits(accumulator, 0), bits(filled(SITES[:1], points), 0))
     with pytest.raises(KeyError):
-        accumulator.ground(accumulator.postponed[0])
+        accumulator.points_of(accumulator.postponed[0])
 
 
 def test_points_elsewhere_leave_nothing_behind():
@@ -103,4 +105,4 @@ def test_points_elsewhere_leave_nothing_behind():
     far = np.full(100, 1e9)
     accumulator.absorb(accumulator.reduce(far, far, far))
     assert accumulator.seen == 100
-    assert all(len(accumulator.ground(i)[0].count) == 0 for i in range(len(SITES)))
+    assert all(len(accumulator.points_of(i).cubes.count) == 0 for i in range(len(SITES)))
