@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import shapely
 from shapely import affinity
 from shapely.geometry import Polygon
 from terrains import circle
@@ -72,6 +73,24 @@ def plain():
     return found
 
 
+def test_pictures_lie_where_the_area_lies(plain):
+    """Everything is measured from the area's local origin; what is drawn is back in the frame."""
+    outline = affinity.translate(OUTLINE, EAST, NORTH)
+    relief = plain.relief
+    drawn = shapely.from_wkb(relief.polygon_wkb)
+    assert shapely.hausdorff_distance(drawn, outline) < 1e-8
+    row, column = np.nonzero(relief.fraction)
+    x, y = relief.min_x + column * relief.cell_m, relief.min_y + row * relief.cell_m
+    near = 2 * relief.cell_m
+    assert (x.min(), y.min()) == pytest.approx(outline.bounds[:2], abs=near)
+    assert (x.max(), y.max()) == pytest.approx(outline.bounds[2:], abs=near)
+    top = np.nanargmax(relief.above_base_m)
+    peak = np.array([relief.min_x, relief.min_y]) + relief.cell_m * np.array(
+        np.unravel_index(top, relief.above_base_m.shape)[::-1]
+    )
+    assert np.abs(peak - [EAST + 20, NORTH + 20]).max() < 2.0
+
+
 def assert_same_cone(found, scale):
     """Cells are up to twice as wide, for the same density, at one scale as at another."""
     half = 1.96 * found.std_m3 / scale**3
@@ -110,9 +129,7 @@ def test_heights_that_fit_nowhere_are_counted():
     accumulator = TerrainAccumulator([Window(*affinity.translate(OUTLINE, EAST, NORTH).bounds)])
     accumulator.absorb(accumulator.reduce(*points))
     cubes = accumulator.points_of(0).cubes
-    assert cubes.too_far == pytest.approx(
-        15_000 / 50 * (18 / 40) ** 2, rel=0.3
-    )
+    assert cubes.too_far == pytest.approx(15_000 / 50 * (18 / 40) ** 2, rel=0.3)
 
 
 @pytest.mark.parametrize("scale", [2.0**-9, 0.25, 4.0, 2.0**12])

@@ -1,4 +1,4 @@
-"""Every point that was read is measured, or left out for a reason that the user is told.
+"""Every point that was read is measured, or left out for a reason that the user gets to know.
 
 The box in a header decides what is streamed where, so that points outside of it would be lost. They
 are found as they go by, and the whole cloud is then read again in a box that holds them. There is a
@@ -68,8 +68,8 @@ def losses(counts: Iterable[Mapping[str, int]]) -> Tuple[Notice, ...]:
     most: Counter[str] = Counter()
     for one in counts:
         most |= Counter({reason: n for reason, n in one.items() if n and reason not in _USUAL})
-    said = [f"{n} {'point' if n == 1 else 'points'} ({reason})" for reason, n in most.items()]
-    text = f"left out and not measured: {', '.join(said)}"
+    parts = [f"{n} {'point' if n == 1 else 'points'} ({reason})" for reason, n in most.items()]
+    text = f"left out and not measured: {', '.join(parts)}"
     return (Notice("points-left-out", text, points=dict(most)),) if most else ()
 
 
@@ -94,12 +94,12 @@ class _Watched(Front):
 
     Parameters
     ----------
-    told : the box in the header, outside of which points are counted.
+    header : the box in the header, outside of which points are counted.
     """
 
-    def __init__(self, cloud: Cloud, told: Optional[Bounds]) -> None:
+    def __init__(self, cloud: Cloud, header: Optional[Bounds]) -> None:
         super().__init__(cloud, cloud.info)
-        self._told = told
+        self._header = header
 
     def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
         """Deliver the cloud's chunks."""
@@ -108,7 +108,7 @@ class _Watched(Front):
         for chunk in self._cloud.chunks(window, size):
             box = box_of(chunk)
             if box is not None and seen is not None:
-                outside += _outside(chunk, box, self._told, window is None, self.info.steps)
+                outside += _outside(chunk, box, self._header, window is None, self.info.steps)
                 if _outside(chunk, box, known, window is None):
                     (low, high), (own_low, own_high) = _corners(seen), _corners(box)
                     seen = Bounds(

@@ -37,7 +37,7 @@ __all__ = [
     "thread_count",
 ]
 
-#: What a progress display is told: the stage in words, and the share that is done.
+#: Called with the name of the stage, and the share of it that is done.
 Progress = Callable[[str, float], None]
 
 _MOST_BY_DEFAULT = 4  # threads beyond this wait for the file
@@ -55,11 +55,9 @@ class Accumulator(Protocol):
 
     def reduce(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Any:
         """Return the share of some points, in metres of the measuring frame."""
-        ...
 
     def absorb(self, shares: Any) -> None:
         """Add a chunk's share."""
-        ...
 
 
 def accumulate(

@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 import math
-import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import astuple, dataclass, replace
-from functools import cached_property
-from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
+from functools import cached_property, partial
+from typing import (
+    Callable,
+    Dict,
+    Iterable,
+    Iterator,
+    List,
+    Mapping,
+    NamedTuple,
+    Sequence,
+    Tuple,
+    Union,
+)
 
 import shapely
 
-from ..areas.read import Area, AreaSet, far_corner
+from ..areas.read import Area, far_corner
 from ..crs import Frame
 from ..errors import QuantifyError
 from ..source import Source
@@ -56,6 +66,28 @@ _TOO_FAR = "height absurdly far from the site's"
 #: Terrain rises by less than this many times its width: a sea stack by about 3.
 _STEEPEST = 5.0
 
+_ACCURACY_IGNORED = Notice(
+    "accuracy-ignored",
+    "--accuracy is that of a closed mesh, and terrain is measured from points: it has no effect; "
+    "leave it out, or give --shape object",
+)
+
+
+class _Extent(NamedTuple):
+    """The box of an area in the frame, and the heights of nearly all its points, metres."""
+
+    place: Window
+    lowest: float
+    middle: float
+    highest: float
+
+    @classmethod
+    def around(cls, extents: Sequence[_Extent]) -> _Extent:
+        """Return the extent of all; its middle height is the mean of theirs."""
+        places, lowest, middle, highest = zip(*extents)
+        mean = sum(middle) / len(extents)
+        return cls(Window.around(places), min(lowest), mean, max(highest))
+
 
 @dataclass(frozen=True)
 class _AreaSite:
@@ -74,49 +106,47 @@ class _AreaSite:
     left_out: Mapping[str, int]
 
     @cached_property
-    def place(self) -> Window:
-        """The box of the polygon in the frame."""
-        return Window(*self.points.to_frame(self.polygon).bounds)
-
-    @cached_property
-    def heights(self) -> Sequence[float]:
-        """Lowest, middle and highest of nearly all points, metres."""
-        return height_quantiles(self.points.cubes, (0.01, 0.5, 0.99))
+    def extent(self) -> _Extent:
+        """Where the area is, and how high."""
+        place = Window(*self.points.to_frame(self.polygon).bounds)
+        return _Extent(place, *height_quantiles(self.points.cubes, (0.01, 0.5, 0.99)))
 
 
 def measure_areas(source: Source, frame: Frame, options: Options, report: Progress) -> Measurement:
     """Measure each area, or the whole cloud where none is drawn."""
     box = bounds_in_frame(source, frame)
-    drawn, notices = AreaSet((), ()), []
+    batches: Iterable[Dict[int, _AreaSite]]
     if options.area is None:
-        site, notices = _whole(source, frame, box, options, report)
+        site, warnings = _whole(source, frame, box, options, report)
         areas: Sequence[Union[Area, AreaFailure]] = [Area(site.name, site.polygon)]
-        batches: Iterator[Dict[int, _AreaSite]] = iter([{0: site}])
+        batches = [{0: site}]
     else:
         drawn = drawn_areas(source, frame, options, report)
-        areas = drawn.areas
+        areas, warnings = drawn.areas, list(drawn.warnings)
         batches = _sites(source, frame, areas, box, options, report)
     if options.accuracy is not None:
-        notices.append(
-            Notice(
-                "accuracy-ignored",
-                "--accuracy is that of a closed mesh, and terrain is measured from points: it has "
-                "no effect; leave it out, or give --shape object",
-            )
-        )
+        warnings.append(_ACCURACY_IGNORED)
     base = placed_level(frame, options, options.base, cloud_window(source, frame))
     recipe = TerrainRecipe(
         base="triangulate" if base is None else base,
         slices=options.slices,
         slice_height=options.slice_height,
     )
-    measuring = _Measuring(source, frame, options, recipe, report, len(areas))
+    measure = partial(_measure_site, source=source, frame=frame, options=options, recipe=recipe)
     found: Dict[int, Result] = {i: a for i, a in enumerate(areas) if isinstance(a, AreaFailure)}
+    extents: List[_Extent] = []
     for batch in batches:
-        found.update(measuring.measure(batch))
+        extents += [site.extent for site in batch.values()]
+        for number, result in _measured(batch, measure, options.threads):
+            found[number] = result
+            report("measuring areas", len(found) / len(areas))
     results = [found[number] for number in range(len(areas))]
-    warnings = [*drawn.warnings, *notices, *(measuring.steepness() or _plunges(results))]
-    return measurement_of(source, frame, "terrain", measuring.factor(), results, warnings)
+    factor = None
+    if extents:
+        whole = _Extent.around(extents)
+        factor = ground_factor(source, frame, whole.place, whole.middle, options)
+        warnings += _steepness(whole) or _plunges(results)
+    return measurement_of(source, frame, "terrain", factor, results, warnings)
 
 
 def _sites(
@@ -128,12 +158,12 @@ def _sites(
     report: Progress,
 ) -> Iterator[Dict[int, _AreaSite]]:
     """Yield all areas with their points, by number: as many at a time as memory holds."""
+    threads = thread_count(options.threads)
     waiting = {number: area for number, area in enumerate(areas) if isinstance(area, Area)}
     while waiting:
         numbers, polygons = list(waiting), [area.polygon for area in waiting.values()]
         boxes = [Window(*polygon.bounds) for polygon in polygons]
         accumulator = TerrainAccumulator(boxes, _nearest_to_zero(box))
-        threads = thread_count(options.threads)
         left_out = accumulate(source.cloud, frame, accumulator, threads, report)
         batch = {}
         for place, (number, polygon) in enumerate(zip(numbers, polygons)):
@@ -146,7 +176,7 @@ def _sites(
 
 def _whole(
     source: Source, frame: Frame, box: Bounds, options: Options, report: Progress
-) -> Tuple[_AreaSite, List[Notice]]:
+) -> Tuple[_AreaSite, List[str]]:
     """Return the whole cloud, without distant outliers, with its outline; and warnings.
 
     With one point a thousand kilometres away, or a wrong header, the cells would be too coarse for
@@ -216,15 +246,17 @@ def _outsiders(outline: CloudOutline) -> Iterator[Notice]:
     )
 
 
-def _plunges(results: Sequence[Result]) -> Iterator[Notice]:
-    """Yield a warning where a few heights of an area cannot be those of its terrain."""
+def _plunges(results: Sequence[Result]) -> List[Notice]:
+    """Return a warning where a few heights of an area cannot be those of its terrain."""
     areas = [result for result in results if isinstance(result, AreaResult)]
     wrong = [a for a in areas if a.max_z_m - a.min_z_m > _STEEPEST * math.sqrt(a.area_m2 or 0.0)]
-    if wrong:
-        worst = max(wrong, key=lambda area: area.max_z_m - area.min_z_m)
-        across = math.sqrt(worst.area_m2 or 0.0)
-        others = f" ({len(wrong) - 1} more like it)" if wrong[1:] else ""
-        yield Notice(
+    if not wrong:
+        return []
+    worst = max(wrong, key=lambda area: area.max_z_m - area.min_z_m)
+    across = math.sqrt(worst.area_m2 or 0.0)
+    others = f" ({len(wrong) - 1} more like it)" if wrong[1:] else ""
+    return [
+        Notice(
             "heights-not-terrain",
             f"area {worst.name!r}{others} is {across:.3g} m across, and its heights are "
             f"{worst.min_z_m:.6g} to {worst.max_z_m:.6g} m: some cannot be those of terrain, but "
@@ -234,82 +266,55 @@ def _plunges(results: Sequence[Result]) -> Iterator[Notice]:
             min_z_m=worst.min_z_m,
             max_z_m=worst.max_z_m,
         )
+    ]
 
 
-class _Measuring:
-    """Measures areas, several at a time; one that fails does not stop the others."""
+def _steepness(site: _Extent) -> List[Notice]:
+    """Return a warning where heights seem to be in a smaller unit than x and y."""
+    relief, place = site.highest - site.lowest, site.place
+    across = min(place.max_x - place.min_x, place.max_y - place.min_y)
+    if relief <= _STEEPEST * across:
+        return []
+    return [
+        Notice(
+            "vertical-unit-unlikely",
+            f"heights span {relief:.4g} m over a site {across:.4g} m across: they may be in cm, mm "
+            "or feet (--vertical-unit sets their unit)",
+            relief_m=relief,
+            across_m=across,
+        )
+    ]
 
-    def __init__(
-        self,
-        source: Source,
-        frame: Frame,
-        options: Options,
-        recipe: TerrainRecipe,
-        report: Progress,
-        count: int,
-    ) -> None:
-        self._source, self._frame, self._options, self._recipe = source, frame, options, recipe
-        self._report, self._count, self._done = report, count, 0
-        self._lock = threading.Lock()
-        self._places: List[Window] = []
-        self._heights: List[Sequence[float]] = []
 
-    def measure(self, batch: Mapping[int, _AreaSite]) -> Dict[int, Result]:
-        """Return the results of some areas, by their numbers."""
-        self._places += [site.place for site in batch.values()]
-        self._heights += [site.heights for site in batch.values()]
-        most = min(thread_count(self._options.threads), len(batch))
-        if most == 1:
-            return {number: self._one(site) for number, site in batch.items()}
-        with ThreadPoolExecutor(most) as pool:
-            return dict(zip(batch, pool.map(self._one, batch.values())))
+def _measured(
+    batch: Mapping[int, _AreaSite], measure: Callable[[_AreaSite], Result], threads: int
+) -> Iterator[Tuple[int, Result]]:
+    """Yield the results of some areas with their numbers, measured several at a time."""
+    most = min(thread_count(threads), len(batch))
+    if most == 1:
+        yield from zip(batch, map(measure, batch.values()))
+        return
+    with ThreadPoolExecutor(most) as pool:
+        yield from zip(batch, pool.map(measure, batch.values()))
 
-    def factor(self) -> Optional[float]:
-        """Return the ground factor in the middle of all areas; None without any."""
-        if not self._places:
-            return None
-        middle = sum(heights[1] for heights in self._heights) / len(self._heights)
-        return self._factor(Window.around(self._places), middle)
 
-    def steepness(self) -> List[Notice]:
-        """Return a warning where heights seem to be in a smaller unit than x and y."""
-        if not self._places:
-            return []
-        low, _, high = zip(*self._heights)
-        relief, site = max(high) - min(low), Window.around(self._places)
-        across = min(site.max_x - site.min_x, site.max_y - site.min_y)
-        if relief <= _STEEPEST * across:
-            return []
-        return [
-            Notice(
-                "vertical-unit-unlikely",
-                f"heights span {relief:.4g} m over a site {across:.4g} m across: they may be in "
-                "cm, mm or feet (--vertical-unit sets their unit)",
-                relief_m=relief,
-                across_m=across,
-            )
-        ]
-
-    def _factor(self, place: Window, height: float) -> Optional[float]:
-        return ground_factor(self._source, self._frame, place, height, self._options)
-
-    def _one(self, site: _AreaSite) -> Result:
-        try:
-            problem = _reaches_too_far(site)
-            if problem:
-                return AreaFailure(site.name, problem)
-            # Each area's own factor: where other areas lie does not matter to it.
-            factor = self._factor(site.place, site.heights[1]) or 1.0
-            recipe = replace(self._recipe, ground_factor=factor)
-            result = measure_area(site.name, site.polygon, site.points, recipe)
-            left_out = {**site.left_out, _TOO_FAR: site.points.cubes.too_far}
-            return finish(result, left_out, self._options)
-        except QuantifyError as error:
-            return AreaFailure(site.name, str(error))
-        finally:
-            with self._lock:
-                self._done += 1
-            self._report("measuring areas", self._done / self._count)
+def _measure_site(
+    site: _AreaSite, source: Source, frame: Frame, options: Options, recipe: TerrainRecipe
+) -> Result:
+    """Return the result of an area; one that fails does not stop the others."""
+    try:
+        problem = _reaches_too_far(site)
+        if problem:
+            return AreaFailure(site.name, problem)
+        # Each area's own factor: where other areas lie does not matter to it.
+        place, middle = site.extent.place, site.extent.middle
+        factor = ground_factor(source, frame, place, middle, options) or 1.0
+        own = replace(recipe, ground_factor=factor)
+        result = measure_area(site.name, site.polygon, site.points, own)
+        left_out = {**site.left_out, _TOO_FAR: site.points.cubes.too_far}
+        return finish(result, left_out, options)
+    except QuantifyError as error:
+        return AreaFailure(site.name, str(error))
 
 
 def _reaches_too_far(site: _AreaSite) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import shapely
 
 from quantify_client.types import Window
 from quantify_client.volcalc.terrain import accumulate
@@ -106,3 +107,16 @@ def test_points_elsewhere_leave_nothing_behind():
     accumulator.absorb(accumulator.reduce(far, far, far))
     assert accumulator.seen == 100
     assert all(len(accumulator.points_of(i).cubes.count) == 0 for i in range(len(SITES)))
+
+
+def test_shapes_go_to_the_local_origin_and_back():
+    kept = filled(SITES[1:2], some_points()).points_of(0)
+    site = SITES[1]
+    assert kept.origin == (site.min_x, site.min_y)
+    area = shapely.box(site.min_x, site.min_y, site.max_x, site.max_y)
+    local = kept.to_local(area)
+    assert local.bounds == pytest.approx((0.0, 0.0, 15.0, 30.0), abs=1e-9)
+    assert kept.to_frame(local).bounds == pytest.approx(area.bounds, abs=1e-8)
+    # Points and cubes count from there, too.
+    assert kept.sample[:, :2].max(axis=0) == pytest.approx([15.0, 30.0], abs=0.5)
+    assert kept.cubes.column.max() * kept.cubes.cell < 15.0 + 3 * 30.0

@@ -1,9 +1,9 @@
-"""The one pass over the points: each point to the areas that want it, mergeable in any order."""
+"""What one pass over the points keeps of each area, from chunks of points in any order."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Iterator, List, Mapping, Sequence, Tuple, TypeVar
+from typing import Any, Iterator, List, Mapping, Sequence, Tuple
 
 import numpy as np
 import numpy.typing as npt
@@ -41,11 +41,9 @@ MAX_POINTS = 1 << 15
 #: Odd numbers whose bits show no pattern, one for each coordinate and one to mix them.
 _MIX = (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9, 0xD6E8FEB86659FD93)
 
-#: Steps of a metre by which places are told apart. The same point in files with different offsets
-#: or scales differs in its last bits.
+#: Steps of a metre to which places are rounded for their priority: the same point differs in its
+#: last bits between files with different offsets or scales.
 _PLACES = 1 << 16
-
-_Shape = TypeVar("_Shape", Polygon, MultiPolygon)
 
 
 @dataclass(frozen=True)
@@ -71,11 +69,11 @@ class AreaPoints:
         """Coordinates of the local origin in the frame."""
         return self.box.min_x, self.box.min_y
 
-    def to_local(self, shape: _Shape) -> _Shape:
+    def to_local(self, shape: Polygon | MultiPolygon) -> Polygon | MultiPolygon:
         """Return a shape that is given in the frame, counted from the local origin."""
         return shapely.affinity.translate(shape, -self.box.min_x, -self.box.min_y)
 
-    def to_frame(self, shape: _Shape) -> _Shape:
+    def to_frame(self, shape: Polygon | MultiPolygon) -> Polygon | MultiPolygon:
         """Return a shape that counts from the local origin, in the frame."""
         return shapely.affinity.translate(shape, self.box.min_x, self.box.min_y)
 
@@ -215,7 +213,7 @@ class _Routed:
 
 
 class _Routes:
-    """A table from places to the areas that may want a point there.
+    """A table from places to the areas that may need a point there.
 
     Parameters
     ----------
@@ -263,7 +261,7 @@ class _Routes:
         self.overlap = int(self._count.max())
 
     def __call__(self, x: FloatArray, y: FloatArray, z: FloatArray) -> _Routed:
-        """Return the points that areas want; x, y and z are (N,) float64, metres in the frame."""
+        """Return the points that areas need; x, y and z are (N,) float64, metres in the frame."""
         if not self.packings:
             return self._routed(np.empty(0, dtype=np.int64), x[:0], y[:0], z[:0])
         bucket = _bucket(y, self._low[1], self._step[1], self._side)

@@ -1,8 +1,9 @@
-"""Base surfaces: what a pile stands on, or a pit was dug from, as the heights of the rim tell.
+"""Base surfaces: what a pile stands on, or a pit was dug from, estimated from the rim.
 
 Every base is linear in the rim heights, so that one piece of code propagates errors through all of
 them. A new base surface is a function from a `BaseSite` to a `LinearMap`, and a line in the table
-`SURFACES` at the end of this module.
+`SURFACES` at the end of this module; one that follows the rim point by point is named in
+`FOLLOWING` besides, so that the budget has what uneven ground may do between its points.
 """
 
 from __future__ import annotations
@@ -44,17 +45,20 @@ class Base:
     rim: Rim | None
     influence: Callable[[FloatArray], FloatArray]
 
+    @property
+    def followed(self) -> Rim | None:
+        """The rim whose ups and downs the base follows; None for a level one."""
+        return self.rim if self.name in FOLLOWING else None
+
 
 class LinearMap(Protocol):
     """A base surface as a linear map from the M rim heights to the N cells inside the area."""
 
     def apply(self, rim_z: FloatArray) -> FloatArray:
         """Return the heights (N,) of the base from those of the rim (M,)."""
-        ...
 
     def back(self, weights: FloatArray) -> FloatArray:
         """Return the rim weights (M,) that give the same sum as weights (N,) of the cells."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -233,3 +237,6 @@ SURFACES: Mapping[str, Callable[[BaseSite], LinearMap]] = {
 }
 
 BASES = tuple(SURFACES)
+
+#: The bases that follow the ups and downs of the rim.
+FOLLOWING = ("triangulate", "plane")

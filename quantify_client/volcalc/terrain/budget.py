@@ -110,11 +110,13 @@ def _flat_ground(volume: CutFill, shared: float, sigma: FloatArray) -> float:
     return 0.4 * shared * float(volume.surface.a[near].sum())
 
 
-def rim_relief(rim: Rim, noise: Noise, *, smooth: bool = True) -> float:
+def rim_relief(rim: Rim | None, noise: Noise, *, smooth: bool = True) -> float:
     """Return the RMS residual of the rim about a plane, beyond its noise; 0 where that is unclear.
 
     With `smooth`, what the correlated noise already explains is noise, too.
     """
+    if rim is None:
+        return 0.0
     off = plane_residuals(rim.x, rim.y, rim.z, rim.length)
     square = float((off**2 * rim.length).sum() / rim.length.sum())
     shares, cells = rim.weights.data, rim.weights.indices
@@ -125,10 +127,8 @@ def rim_relief(rim: Rim, noise: Noise, *, smooth: bool = True) -> float:
 
 def _base_misfit(volume: CutFill) -> list[float]:
     """Return how far the ground under the area may depart from a base drawn through its rim."""
-    surface, rim = volume.surface, volume.base.rim
-    if rim is None or volume.base.name not in ("triangulate", "plane"):
-        return [0.0, 0.0, 0.0]
-    off = BASE_MISFIT * rim_relief(rim, surface.noise)
+    surface = volume.surface
+    off = BASE_MISFIT * rim_relief(volume.base.followed, surface.noise)
     above, below = (float(surface.a[side].sum()) for side in volume.sides[1:])
     return [off * (above + below), off * above, off * below]
 

@@ -130,7 +130,7 @@ def require_fine(heights: CellHeights, fraction: FloatArray, parts: int) -> None
     Parameters
     ----------
     fraction : (ny, nx) share of each cell inside the area.
-    parts : of a cell, by which points are told from repetitions.
+    parts : number of parts of a cell, for which `heights.places` was counted.
     """
     inside = fraction > 0
     count = heights.count[inside].astype(np.float64)

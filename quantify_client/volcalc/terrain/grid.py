@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -110,20 +111,25 @@ def cell_fractions(geometry: Polygon | MultiPolygon, window: CellWindow) -> Floa
     -------
     (ny, nx) float64 in 0..1; holes count as outside.
     """
+    rings = shapely.get_rings(polygons_of(geometry))
+    points, ring = shapely.get_coordinates(rings, return_index=True)
+    u, v = window.in_cells(points[:, 0], points[:, 1])
+    start = np.flatnonzero(ring[1:] == ring[:-1])
+    u0, v0, u1, v1 = _cut_at_cell_lines(u[start], v[start], u[start + 1], v[start + 1])
+    mid_u, mid_v = (u0 + u1) / 2, (v0 + v1) / 2
+    column = np.clip(np.floor(mid_u).astype(np.int64), 0, window.nx)
+    row = np.clip(np.floor(mid_v).astype(np.int64), 0, window.ny - 1)
     east_of = np.zeros((window.ny, window.nx + 1))
     further = np.zeros((window.ny, window.nx + 2))
-    for part in polygons_of(geometry):
-        for ring in (part.exterior, *part.interiors):
-            points = shapely.get_coordinates(ring)
-            u, v = window.in_cells(points[:, 0], points[:, 1])
-            _accumulate(*_cut_at_cell_lines(u, v), east_of, further)
+    np.add.at(east_of, (row, column), (v1 - v0) * (column + 1 - mid_u))
+    np.add.at(further, (row, column + 1), v1 - v0)
     share = -(east_of[:, : window.nx] + np.cumsum(further, axis=1)[:, : window.nx])
     share[share < _ROUNDING] = 0.0
     share[share > 1.0 - _ROUNDING] = 1.0
     return share
 
 
-def repeat_with_rank(count: IntArray) -> tuple[IntArray, IntArray]:
+def repeat_with_rank(count: npt.NDArray[np.signedinteger[Any]]) -> tuple[IntArray, IntArray]:
     """Return each index as often as `count` says, and the rank of each repetition.
 
     >>> repeat_with_rank(np.array([2, 0, 3]))
@@ -144,10 +150,9 @@ def _crossings(start: FloatArray, end: FloatArray) -> tuple[IntArray, FloatArray
 
 
 def _cut_at_cell_lines(
-    u: FloatArray, v: FloatArray
+    u0: FloatArray, v0: FloatArray, u1: FloatArray, v1: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return the ring's pieces between cell lines as start and end coordinates, in cells."""
-    u0, v0, u1, v1 = u[:-1], v[:-1], u[1:], v[1:]
+    """Return the pieces of edges between cell lines, as start and end coordinates in cells."""
     edge_u, t_u = _crossings(u0, u1)
     edge_v, t_v = _crossings(v0, v1)
     edges = np.arange(len(u0))
@@ -159,21 +164,3 @@ def _cut_at_cell_lines(
     pv = v0[edge] + t * (v1 - v0)[edge]
     same = edge[1:] == edge[:-1]
     return pu[:-1][same], pv[:-1][same], pu[1:][same], pv[1:][same]
-
-
-def _accumulate(
-    u0: FloatArray,
-    v0: FloatArray,
-    u1: FloatArray,
-    v1: FloatArray,
-    east_of: FloatArray,
-    further: FloatArray,
-) -> None:
-    """Add pieces of a ring to the two accumulators, in place."""
-    mid_u, mid_v = (u0 + u1) / 2, (v0 + v1) / 2
-    rows, columns = east_of.shape
-    column = np.clip(np.floor(mid_u).astype(np.int64), 0, columns - 1)
-    row = np.clip(np.floor(mid_v).astype(np.int64), 0, rows - 1)
-    dv = v1 - v0
-    np.add.at(east_of, (row, column), dv * (column + 1 - mid_u))
-    np.add.at(further, (row, column + 1), dv)

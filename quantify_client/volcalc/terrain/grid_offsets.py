@@ -45,10 +45,10 @@ def measure_area(
     """
     points = replace(points, cubes=fit_cells(points.cubes, Window(*polygon.bounds)))
     offsets = [measure_terrain(name, polygon, points, recipe)]
-    cell = offsets[0][0].result.cell_m
-    if cell is None or polygon.area > _FEW_CELLS * cell**2:
-        return _combined(offsets)
     brief, cubes = replace(recipe, brief=True), points.cubes
+    cell = cubes.cell * cubes.factor / recipe.ground_factor
+    if polygon.area > _FEW_CELLS * cell**2:
+        return _combined(offsets)
     for east, north in ((round(x * cubes.factor), round(y * cubes.factor)) for x, y in _OFFSETS):
         move = np.array([east * cubes.cell, north * cubes.cell, 0.0])
         moved = replace(points, cubes=cubes.shifted(east, north), sample=points.sample + move)

@@ -20,7 +20,7 @@ POINTS_PER_CELL = 4.5
 #: Cells beyond the area on each side, for rim heights, gradients and noise.
 MARGIN = 24
 
-#: A neighbourhood in which outliers are told from the surface holds at least this many points.
+#: Outliers are found in neighbourhoods (blocks of cells) of at least this many points.
 _BLOCK_POINTS = 64.0
 
 #: A separate layer of heights is surface when it has this share of its neighbourhood's points.
@@ -241,8 +241,8 @@ def _parts(cubes: Cubes, flat: IntArray, size: int) -> IntArray:
 def _places(cubes: Cubes, flat: IntArray, count: IntArray) -> FloatArray:
     """Return how many points of each cell are no repetitions, from the parts with points.
 
-    Points at random fall into the same part now and then. Where all parts have points they are
-    too many to tell, and repetitions hardly matter.
+    Random points fall into the same part now and then. Where all parts have points their number
+    cannot be found in this way, and repetitions hardly matter.
     """
     share = _parts(cubes, flat, len(count)) / cubes.factor**2
     full = share >= 1.0

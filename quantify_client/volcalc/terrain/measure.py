@@ -11,10 +11,10 @@ from shapely.geometry import MultiPolygon, Polygon
 
 from ...types import AreaResult, Relief
 from .accumulate import AreaPoints
-from .base import BASES, Base, make_base
+from .base import BASES, make_base
 from .budget import error_budget, rim_relief
 from .integrate import above_mask, integrate_slices, slab_edges
-from .rim import bridge_crossings
+from .rim import Crossing, bridge_crossings
 from .surface import AreaSurface, CutFill, find_surface
 from .tin import tin_check
 from .warnings import Findings
@@ -77,11 +77,11 @@ def _on_base(
     recipe: TerrainRecipe,
 ) -> Measured:
     """Return the result of one area on one base."""
-    rim, window = surface.rim, surface.heights.window
-    crossings = []
+    rim = surface.rim
+    crossings: list[Crossing] = []
     if base_name == "triangulate" and rim is not None:
         rim, crossings = bridge_crossings(rim)
-    base = make_base(base_name, rim, surface.parts, window, surface.inside)
+    base = make_base(base_name, rim, surface.parts, surface.heights.window, surface.inside)
     r = np.where(surface.inside, surface.filled - base.z, np.nan)
     volume = CutFill(surface, base, r, above_mask(r, surface.a, surface.noise.cell))
     lost = surface.fraction[surface.inside & ~np.isfinite(surface.filled)].sum()
@@ -89,23 +89,17 @@ def _on_base(
         crossings=tuple((height, length / recipe.ground_factor) for height, length in crossings),
         lost_m2=float(lost) * surface.cell**2,
         unsupported_rim=0.0 if base.rim is None else 1.0 - base.rim.supported,
-        relief_m=_plain_relief(base, surface),
+        relief_m=rim_relief(base.followed, surface.noise, smooth=False),
     )
     return Measured(_result(name, volume, points, recipe), findings)
-
-
-def _plain_relief(base: Base, surface: AreaSurface) -> float:
-    """Return the relief of the rim about a plane, where a base is drawn through its points."""
-    if base.rim is None or base.name not in ("triangulate", "plane"):
-        return 0.0
-    return rim_relief(base.rim, surface.noise, smooth=False)
 
 
 def _result(name: str, volume: CutFill, points: AreaPoints, recipe: TerrainRecipe) -> AreaResult:
     """Return the complete result, without warnings."""
     surface, inside, factor = volume.surface, volume.surface.inside, recipe.ground_factor
     known, cut_cells, fill_cells = volume.sides
-    r, a, count = volume.r[known], surface.a[known], surface.heights.count
+    r, a = volume.r[known], surface.a[known]
+    count = np.where(inside, surface.heights.count, 0)
     each = surface.a * np.nan_to_num(volume.r)
     cut, fill = float(each[cut_cells].sum()), -float(each[fill_cells].sum())
     budget = [] if recipe.brief else error_budget(volume)
@@ -115,7 +109,6 @@ def _result(name: str, volume: CutFill, points: AreaPoints, recipe: TerrainRecip
     )
     edges = slab_edges(float(r.min()), float(r.max()), recipe.slices, recipe.slice_height)
     even = np.allclose(np.diff(edges), edges[1] - edges[0], rtol=1e-6)
-    counts = np.where(surface.a > 0, count, 0)[known]
     elevation = surface.filled[inside & np.isfinite(surface.filled)]
     return AreaResult(
         name=name,
@@ -133,10 +126,10 @@ def _result(name: str, volume: CutFill, points: AreaPoints, recipe: TerrainRecip
         max_z_m=float(elevation.max()),
         max_height_m=float(np.nanmax(np.abs(volume.r))),
         coverage=surface.coverage,
-        points_used=int(count[inside].sum()),
+        points_used=int(count.sum()),
         points_left_out={"stray": int(surface.heights.outliers[inside].sum())},
         slice_height_m=float(edges[1] - edges[0]) if even else None,
-        slices=tuple(integrate_slices(r, a, volume.above[known], counts, edges)),
+        slices=tuple(integrate_slices(r, a, volume.above[known], count[known], edges)),
         base=volume.base.name,
         cell_m=surface.cell,
         checks=tin_check(points.sample, volume, None if recipe.brief else budget),

@@ -10,7 +10,7 @@ of a round outline do: turning cloud and outline together changed volumes on une
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -40,12 +40,6 @@ _LEAST_AREA = 1e-9
 _TURN = 0.2371
 
 
-class _Solver(Protocol):
-    """What `splu` returns."""
-
-    def solve(self, right: npt.NDArray[Any]) -> FloatArray: ...
-
-
 @dataclass(frozen=True)
 class Membrane:
     """Heights at places inside, linear in the rim's.
@@ -56,7 +50,7 @@ class Membrane:
     corner, share : (N, 3) nodes around each place, the inner ones numbered after those of the rim,
         and their shares in its height.
     ties : stiffness between inner nodes and rim points, as inner, rim and stiffness.
-    solver : factors of the stiffness among inner nodes; None without any.
+    solver : factors (`splu`) of the stiffness among inner nodes; None without any.
     """
 
     rim: int
@@ -64,7 +58,7 @@ class Membrane:
     corner: IntArray
     share: FloatArray
     ties: tuple[IntArray, IntArray, FloatArray]
-    solver: _Solver | None
+    solver: Any
 
     def apply(self, rim_z: FloatArray) -> FloatArray:
         """Return the heights of the N places from those of the M rim points."""
@@ -130,7 +124,7 @@ def _inner_nodes(rim: FloatArray, outer: Polygon) -> FloatArray:
 
 def _stiffness(
     nodes: FloatArray, triangles: npt.NDArray[np.int32], outer: Polygon, rim: int
-) -> tuple[tuple[IntArray, IntArray, FloatArray], _Solver | None]:
+) -> tuple[tuple[IntArray, IntArray, FloatArray], Any]:
     """Return the cotangent stiffness of the triangles inside: ties to the rim, and the solver."""
     middle = nodes[triangles].mean(axis=1)
     triangles = triangles[shapely.contains_xy(outer, middle[:, 0], middle[:, 1])]

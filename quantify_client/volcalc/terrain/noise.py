@@ -33,7 +33,7 @@ _AUTOCORRELATION = {1: (2.0, -2.0), 2: (6.0, -8.0, 2.0)}
 _QUANTILE = 1.0 / 3.0
 _NORMAL_QUANTILE = 0.43072729929545744
 
-#: Shortest correlation length that is tried, in cells; shorter ones cannot be told from none.
+#: Shortest correlation length that is tried, in cells; shorter ones look like none.
 _SHORTEST = 0.7
 
 _BLOCKS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
@@ -47,7 +47,7 @@ _LEAST_BLOCKS = 10
 #: Differences of single cells around the area that are enough to measure the noise there.
 _ENOUGH_AROUND = 400
 
-#: Width of the band inside the rim that serves where there is nothing outside, in cells.
+#: Width of the band inside the rim that is used where there is nothing outside, in cells.
 _BAND_CELLS = 16
 
 #: Differences per degree of freedom of a variance, by their order: neighbouring differences share
@@ -215,7 +215,7 @@ def _fit(observed: FloatArray, root: FloatArray, order: int) -> tuple[float, flo
 
     On the ground around the area, whatever is not independent counts as correlated: to the base it
     is an error either way. On the area itself (second differences), what grows with the block size
-    is its shape, and no correlation can be told from it.
+    is its shape, and no correlation can be separated from it.
 
     Parameters
     ----------

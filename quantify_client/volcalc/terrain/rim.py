@@ -36,7 +36,7 @@ __all__ = [
 _RADIUS_CELLS = 4.5
 
 #: The base continues the ground outside the polygon. With fewer outside cells than this (the cloud
-#: ends there) those inside serve too.
+#: ends there) those inside are used too.
 _ENOUGH_OUTSIDE = 8
 
 #: Points inside a segment's circle by less than this share are its ends.
@@ -156,8 +156,8 @@ def require_plain_outline(parts: Sequence[Polygon], cell: float) -> None:
     if length > _MOST_FOLDS * touched * cell:
         raise SupportError(
             f"the outline is {length:.4g} m long and goes back and forth within {touched:,} cells "
-            f"of {cell:g} m; expected at most {_MOST_FOLDS} times a cell's length in each: simplify "
-            "it"
+            f"of {cell:g} m; expected at most {_MOST_FOLDS} times a cell's length in each: "
+            "simplify it"
         )
 
 

@@ -9,8 +9,8 @@ heights of cells, and w, v and a the areas that these stand for. Its standard de
 parts: the noise of points and cells, with shared noise counted once (`noise.sampled_std`), and what
 the budget says of gaps and of the cells along the rim, which the two methods close and cut in
 different ways. What is left is a bias. The flat triangles between nodes cut off what bulges, in
-proportion to one over the number of nodes. A TIN of every other node lacks twice as much, so that
-the difference of the two TINs, less its own noise, is what the full one lacks.
+proportion to one over the number of nodes. A TIN of every other node misses twice as much, so that
+the difference between the two TINs, less its own noise, is what the full one misses.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ def _noise(tin: TinIntegral, cells: FloatArray, rim: Rim, surface: AreaSurface) 
 
 
 def _facets(tin: TinIntegral, half: TinIntegral, rim: Rim, surface: AreaSurface) -> float:
-    """Return what a TIN lacks by its flat triangles, m3: what half of its nodes lack besides."""
+    """Return what flat triangles miss, m3: the difference to a TIN of half of the nodes."""
     lost = TinIntegral(
         tin.volume - half.volume, tin.of_points - half.of_points, tin.of_rim - half.of_rim
     )

@@ -44,16 +44,7 @@ def warnings_of(result: AreaResult, findings: Findings, *, compared: bool) -> It
     ----------
     compared : whether the result stands beside those on other bases.
     """
-    advice = "" if compared else " (--base plane follows the outline as it is)"
-    for height, length in findings.crossings:
-        what = "a channel" if height < 0 else "a ridge"
-        yield Notice(
-            "outline-crosses-channel" if height < 0 else "outline-crosses-ridge",
-            f"the outline crosses {what} of {abs(height):.2g} m over {length:.2g} m; the base goes "
-            f"straight across{advice}",
-            height_m=height,
-            length_m=length,
-        )
+    yield from _of_crossings(findings, compared)
     if result.coverage is not None and result.coverage < _FULL_SUPPORT:
         yield Notice(
             "gaps-interpolated",
@@ -85,4 +76,17 @@ def warnings_of(result: AreaResult, findings: Findings, *, compared: bool) -> It
             "plane): how it continues under the area is not known; see 'base' in the error budget, "
             f"and {other}",
             relief_m=findings.relief_m,
+        )
+
+
+def _of_crossings(findings: Findings, compared: bool) -> Iterator[Notice]:
+    advice = "" if compared else " (--base plane follows the outline as it is)"
+    for height, length in findings.crossings:
+        what = "a channel" if height < 0 else "a ridge"
+        yield Notice(
+            "outline-crosses-channel" if height < 0 else "outline-crosses-ridge",
+            f"the outline crosses {what} of {abs(height):.2g} m over {length:.2g} m; the base goes "
+            f"straight across{advice}",
+            height_m=height,
+            length_m=length,
         )
