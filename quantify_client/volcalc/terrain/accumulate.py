@@ -19,6 +19,7 @@ from .histogram import (
     Share,
     height_in_quanta,
     packed_places,
+    run_starts,
     share_of,
 )
 
@@ -136,11 +137,11 @@ class TerrainAccumulator:
         # A few points at a time, all of whose arrays stay in the processor's cache.
         for start in range(0, max(len(x), 1), size):
             some = slice(start, start + size)
-            part = routes(x[some], y[some], z[some])
-            first = priority(part.xyz)
-            good = first <= limits[part.over]
-            rows.append(np.column_stack([part.over[good], first[good], part.xyz[good]]))
-            parts.append((part.area, part.packed, part.too_far))
+            area, packed, over, xyz, too_far = routes(x[some], y[some], z[some])
+            first = priority(xyz)
+            good = first <= limits[over]
+            rows.append(np.column_stack([over[good], first[good], xyz[good]]))
+            parts.append((area, packed, too_far))
         area, packed, too_far = (np.concatenate(column) for column in zip(*parts))
         shares = {
             number: share_of(routes.packings[number], some)
@@ -183,33 +184,18 @@ def _by_area(area: IntArray, values: npt.NDArray[Any]) -> Iterator[Tuple[int, np
         return
     # Sorting so few bits is a matter of counting.
     order = np.argsort(area.astype(np.uint16) if area.max() < 1 << 16 else area, kind="stable")
-    area = area[order]
-    ends = np.append(np.flatnonzero(area[1:] != area[:-1]) + 1, len(area)).tolist()
-    for start, end in zip([0, *ends], ends):
-        yield int(area[start]), values[order[start:end]]
+    start = np.flatnonzero(run_starts(area[order]))
+    yield from zip(area[order[start]].tolist(), np.split(values[order], start[1:]))
 
 
 # --- which points belong to which areas
 
 
-@dataclass(frozen=True)
-class _Routed:
-    """Points with the area that each goes to; one that goes to several is there several times.
-
-    Attributes
-    ----------
-    area : (M,) int64.
-    packed : (M,) int64, the points as numbered for that area.
-    over : (K,) int64, the area of each point that lies over it, not only around it.
-    xyz : (K, 3) float64 of these, metres; x and y from that area's local origin.
-    too_far : (T,) int64, the area of each point over it that is too high or too low to be kept.
-    """
-
-    area: IntArray
-    packed: IntArray
-    over: IntArray
-    xyz: FloatArray
-    too_far: IntArray
+#: Points with the areas that they go to; one that goes to several is there several times. Arrays:
+#: area (M,) of each point, and the point packed (M,) as it is numbered there; area (K,) and x, y, z
+#: (K, 3) of each point that lies over the area and not only around it, from its local origin; area
+#: (T,) of each point over it that is too high or too low to be kept.
+_Routed = Tuple[IntArray, IntArray, IntArray, FloatArray, IntArray]
 
 
 class _Routes:
@@ -296,7 +282,7 @@ class _Routes:
         packed = packed_places(u + EDGE_TOLERANCE, v + EDGE_TOLERANCE, height, rule["merges"])
         cell = rule["cell"] if np.ndim(rule["cell"]) == 0 else rule["cell"][over]
         xyz = np.stack([u[over] * cell, v[over] * cell, z[over]], axis=1)
-        return _Routed(self._number[area], packed, self._number[area[over]], xyz, too_far)
+        return self._number[area], packed, self._number[area[over]], xyz, too_far
 
     def _of(self, area: IntArray) -> dict[str, Any]:
         """Return the rules of each point's area: numbers where there is one area only."""

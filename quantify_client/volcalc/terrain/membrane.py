@@ -117,8 +117,6 @@ def _inner_nodes(rim: FloatArray, outer: Polygon) -> FloatArray:
     nodes = turned + (low + high) / 2
     shapely.prepare(outer)
     nodes = nodes[shapely.contains_xy(outer, nodes[:, 0], nodes[:, 1])]
-    if not len(nodes):
-        return np.asarray(nodes)
     return np.asarray(nodes[cKDTree(rim).query(nodes)[0] > _CLEARANCE * step])
 
 

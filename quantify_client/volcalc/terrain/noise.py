@@ -336,11 +336,9 @@ def _correlated_sums(weights: FloatArray, length: float) -> FloatArray:
 
 
 def _without_zero_margins(weights: FloatArray) -> FloatArray:
-    some = (weights != 0).any(axis=0)
-    rows, columns = np.flatnonzero(some.any(axis=1)), np.flatnonzero(some.any(axis=0))
-    if not len(rows):
-        return weights[:, :1, :1]
-    return weights[:, rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    found = ndimage.find_objects((weights != 0).any(axis=0).astype(np.int8))
+    rows, columns = found[0] if found else (slice(1), slice(1))
+    return weights[:, rows, columns]
 
 
 def _block_sums(values: FloatArray, size: int) -> FloatArray:

@@ -204,11 +204,9 @@ def _missing_segments(points: FloatArray) -> npt.NDArray[np.bool_]:
         return np.zeros(n, dtype=bool)
     triangles = Delaunay(points).simplices
     missing = np.ones(n, dtype=bool)
-    for start, end in ((0, 1), (1, 2), (2, 0)):
-        low = np.minimum(triangles[:, start], triangles[:, end])
-        high = np.maximum(triangles[:, start], triangles[:, end])
-        missing[low[high - low == 1]] = False
-        missing[high[high - low == n - 1]] = False
+    low, high = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1).T
+    missing[low[high - low == 1]] = False
+    missing[high[high - low == n - 1]] = False
     return missing
 
 

@@ -160,18 +160,13 @@ def _nodes(
     column, row = (
         np.floor(place).astype(np.int64) for place in window.in_cells(points[:, 0], points[:, 1])
     )
-    inside = window.holds(row, column)
-    points, row, column = points[inside], row[inside], column[inside]
     # The limits are middles of bins of half a cell.
     slack = 0.3 * window.cell
     good = points[:, 2] >= heights.low[row, column] - slack
     good &= points[:, 2] <= heights.high[row, column] + slack
     points, flat = points[good], (row * window.nx + column)[good]
-    chosen: IntArray = np.full(window.nx * window.ny, -1, dtype=np.int64)
-    # Backwards, so that the first point of a cell is written last.
-    chosen[flat[::-1]] = np.arange(len(flat))[::-1]
-    order = np.sort(chosen[chosen >= 0])
-    return np.asarray(points[order]), flat[order]
+    first = np.sort(np.unique(flat, return_index=True)[1])
+    return np.asarray(points[first]), flat[first]
 
 
 def _integrate(part: Polygon, nodes: FloatArray, rim: FloatArray) -> tuple[float, FloatArray]:
