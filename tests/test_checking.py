@@ -40,6 +40,9 @@ def test_a_check_outside_the_interval_is_said_however_small_the_difference(off: 
     (line,) = said(off, 0.05)
     assert f"gives {100 + off:.3f} m3, 0.110 m3 from the volume" in line
     assert "95 % interval of +-0.098 m3" in line
+    assert line.code == "check-contradicts"
+    assert line.values["difference_m3"] == pytest.approx(0.11)
+    assert line.values["check_m3"] == 100.0 + off
 
 
 def test_digits_that_no_difference_has_are_not_printed() -> None:
