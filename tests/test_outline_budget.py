@@ -152,7 +152,7 @@ def test_an_outline_wound_within_its_cells_is_refused(cloud):
 def test_a_comb_costs_no_more_than_its_small_area(cloud):
     teeth = [[X + 45 + 10 * i / 12_000, Y + 45 + 9 * (i % 2)] for i in range(12_000)]
     told = measured(cloud, area=areas([*teeth, [X + 56, Y + 56], [X + 44, Y + 56]]))
-    assert "goes to and fro within" in told.problem
+    assert "goes back and forth within" in told.problem
     assert "simplify it" in told.problem
 
 

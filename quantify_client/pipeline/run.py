@@ -17,7 +17,7 @@ from ..source import Source, is_address, open_source
 from ..types import Floor, Measurement, Options
 from .accounting import every_point, left_out, losses
 from .body import find_floor, measure_object
-from .checking import with_check_words
+from .checking import with_check_warnings
 from .common import cloud_warnings, coordinates_of, provenance
 from .control.budget import with_scale
 from .control.place import place_cloud
@@ -71,7 +71,7 @@ def measure(
     ) as source:
         measurement = every_point(source, partial(_measured, options=chosen, report=report))
     seconds = time.perf_counter() - clock
-    measurement = with_check_words(measurement)
+    measurement = with_check_warnings(measurement)
     return replace(measurement, provenance=provenance(source, chosen, started, seconds))
 
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from quantify_client.types import Window
-from quantify_client.volcalc.terrain import histogram as surface
+from quantify_client.volcalc.terrain import histogram
 from quantify_client.volcalc.terrain.accumulate import TerrainAccumulator
 
 EAST, NORTH = 576_700.0, 5_188_140.0
@@ -25,7 +25,7 @@ def cubes_of(x, y, z, pieces=None, area=AREA, lowest=0.0):
     accumulator = TerrainAccumulator([area], lowest)
     for piece in [np.arange(len(x))] if pieces is None else pieces:
         accumulator.absorb(accumulator.reduce(x[piece], y[piece], z[piece]))
-    return accumulator.ground(0)[0]
+    return accumulator.points_of(0).cubes
 
 
 def heights(cubes):
@@ -79,9 +79,9 @@ def test_any_chunks_in_any_order_give_the_same_bits(seed, cuts, most):
     x, y, z = some_points(2000, seed=3)
     order = np.random.default_rng(seed).permutation(2000)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(surface, "MAX_CUBES", most)
-        patch.setattr(surface, "_PENDING", 50)
-        patch.setattr(surface, "_ROOM_SPACINGS", 3)
+        patch.setattr(histogram, "MAX_CUBES", most)
+        patch.setattr(histogram, "_PENDING", 50)
+        patch.setattr(histogram, "_ROOM_SPACINGS", 3)
         whole = cubes_of(x, y, z)
         assert_same_bits(whole, cubes_of(x, y, z, np.split(order, sorted(cuts))))
     assert len(whole.count) <= most
@@ -112,7 +112,7 @@ def test_the_room_follows_the_density():
         x, y = rng.uniform(-20, 40, (2, count))
         accumulator = TerrainAccumulator([AREA])
         accumulator.absorb(accumulator.reduce(x + EAST, y + NORTH, np.full(count, 5.0)))
-        accumulator.ground(0)
+        accumulator.points_of(0)
         room = EAST - accumulator.window.min_x
         assert least < room < most
 

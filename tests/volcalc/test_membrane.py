@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 
-from quantify_client.volcalc.terrain.scan import scan_triangles
+from quantify_client.volcalc.terrain.membrane import scan_triangles
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(4, 200))
