@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Optional, Union
 
 from ...types import AreaResult, FloatArray
+from ..polar import polar_volume
 from ..slices import slab_count
-from .polar import polar_volume
 
 __all__ = ["BodyRecipe", "measure_body"]
 

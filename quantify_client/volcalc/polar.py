@@ -13,11 +13,11 @@ from typing import List, Sequence
 
 import numpy as np
 
-from ...errors import InputError
-from ...types import FloatArray, IntArray, Slice
-from ..slices import slab_edges, slab_index
-from .area import ring_areas
-from .order import bounding_midpoints, polar_order
+from ..errors import InputError
+from ..types import FloatArray, IntArray, Slice
+from .paper.area import ring_areas
+from .paper.order import bounding_midpoints, polar_order
+from .slices import slab_edges, slab_index
 
 __all__ = ["PolarVolume", "polar_volume"]
 
