@@ -12,10 +12,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
+from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
 from ...types import FloatArray, IntArray
-from .tetrahedra import Tetrahedra
+from .tetrahedra import Tetrahedra, connected
 
 __all__ = ["water_levels"]
 
@@ -38,7 +38,7 @@ def water_levels(
     """
     between = np.flatnonzero(outside[space.first] & outside[space.second])
     lowest = np.append(space.points[space.corners, 2].min(axis=1), np.inf)
-    level = _levels(space, between)
+    level = _lowest_way_out(space, between)
     wet = outside & (level > lowest)
     hollow = _hollows(space, between, wet, level)
     depth = np.zeros(len(level))
@@ -46,7 +46,7 @@ def water_levels(
     wet &= depth[hollow] >= least_depth
     if wet.any():
         # What no wide passage reaches tells nothing.
-        blocked = _levels(space, between[space.width[between] > notch])
+        blocked = _lowest_way_out(space, between[space.width[between] > notch])
         blocked[np.isinf(blocked)] = -np.inf
         highest = np.full(len(level), -np.inf)
         np.maximum.at(highest, hollow[wet], blocked[wet])
@@ -54,28 +54,22 @@ def water_levels(
     return np.where(wet, level, -np.inf)
 
 
-def _hollows(
-    space: Tetrahedra, faces: IntArray, wet: _BoolArray, level: FloatArray
-) -> npt.NDArray[np.int32]:
+def _hollows(space: Tetrahedra, faces: IntArray, wet: _BoolArray, level: FloatArray) -> IntArray:
     """(M + 1,) number of the water that each tetrahedron is part of; all else has its own."""
     first, second = space.first[faces], space.second[faces]
     same = wet[first] & wet[second] & (level[first] == level[second])
-    first, second = first[same], second[same]
-    links = coo_matrix((np.ones(len(first)), (first, second)), shape=(len(level), len(level)))
-    hollow: npt.NDArray[np.int32] = connected_components(links, directed=False)[1]
-    return hollow
+    return connected(first[same], second[same], len(level))
 
 
-def _levels(space: Tetrahedra, faces: IntArray) -> FloatArray:
-    """(M + 1,) elevation of the lowest way out through some faces."""
+def _lowest_way_out(space: Tetrahedra, faces: IntArray) -> FloatArray:
+    """(M + 1,) highest passage on the lowest way to what is around; inf where there is none.
+
+    Parameters
+    ----------
+    faces : (K,) the passages; each is as high as its lowest point.
+    """
+    first, second, around = space.first[faces], space.second[faces], space.around
     height = space.points[space.faces[faces], 2].min(axis=1)
-    return _lowest_way_out(space.first[faces], space.second[faces], height, space.around)
-
-
-def _lowest_way_out(
-    first: IntArray, second: IntArray, height: FloatArray, around: int
-) -> FloatArray:
-    """(M + 1,) highest passage on the lowest way to what is around; inf where there is none."""
     count = around + 1
     # The lowest of several passages between the same two; ranks, so that none has weight 0.
     order = np.argsort(height, kind="stable")

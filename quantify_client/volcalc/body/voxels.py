@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Tuple
 
 import numpy as np
 
 from ...types import FloatArray, IntArray
 
-__all__ = ["Thinned", "VoxelAccumulator", "thin"]
+__all__ = ["MOST_POINTS", "Thinned", "VoxelAccumulator", "thin"]
 
 _KEY_BITS = 20  # of a cube's number along one axis, at first
 _FINER_BITS = 10  # of a point's place within such a cube
@@ -50,15 +51,10 @@ class _Cubes:
     sums: IntArray
 
     @classmethod
-    def empty(cls) -> _Cubes:
-        none = np.empty(0, dtype=np.int64)
-        return cls(none, none, np.empty((0, 3), dtype=np.int64))
-
-    @classmethod
     def of(cls, number: IntArray, counts: IntArray, sums: IntArray) -> _Cubes:
         """Return one element for each number."""
         if not len(number):
-            return cls.empty()
+            return cls(number, counts, sums)
         order = np.argsort(number, kind="stable")
         number = number[order]
         start = np.flatnonzero(np.diff(number, prepend=number[0] - 1))
@@ -87,15 +83,6 @@ class _Cubes:
         return _Cubes.of(number, self.counts, self.sums)
 
 
-@dataclass(frozen=True)
-class Reduced:
-    """A chunk's share: cubes at some level, and how many points were seen."""
-
-    cubes: _Cubes
-    level: int
-    seen: int
-
-
 class VoxelAccumulator:
     """Points of a body as cubes, from chunks in any order.
 
@@ -117,11 +104,17 @@ class VoxelAccumulator:
         self._low: FloatArray = np.floor(low / step - 0.5) * step
         self._fine = _END / self.size
         self._level = 0
-        self._cubes = _Cubes.empty()
+        none = np.empty(0, dtype=np.int64)
+        self._cubes = _Cubes(none, none, np.empty((0, 3), dtype=np.int64))
         self.seen = 0
 
-    def reduce(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Reduced:
-        """Return the share of some points, in metres of the measuring frame."""
+    def reduce(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Tuple[_Cubes, int, int]:
+        """Return the share of some points, in metres of the measuring frame.
+
+        Returns
+        -------
+        cubes; how many times their size was doubled; the number of points seen.
+        """
         level = self._level
         fine = [np.floor((values - low) * self._fine) for values, low in zip((x, y, z), self._low)]
         inside = np.logical_and.reduce([(axis >= 0) & (axis < _END) for axis in fine])
@@ -129,12 +122,13 @@ class VoxelAccumulator:
         number = np.zeros(len(sums), dtype=np.int64)
         for axis in range(3):
             number |= (sums[:, axis] >> (_FINER_BITS + level)) << (axis * _KEY_BITS)
-        return Reduced(_Cubes.of(number, np.ones_like(number), sums), level, len(x))
+        return _Cubes.of(number, np.ones_like(number), sums), level, len(x)
 
-    def absorb(self, reduced: Reduced) -> None:
+    def absorb(self, reduced: Tuple[_Cubes, int, int]) -> None:
         """Add a chunk's share."""
-        self.seen += reduced.seen
-        self._cubes = self._cubes.joined(reduced.cubes.coarser(self._level - reduced.level))
+        cubes, level, seen = reduced
+        self.seen += seen
+        self._cubes = self._cubes.joined(cubes.coarser(self._level - level))
         while len(self._cubes.number) > _MOST_STREAMING:
             self._cubes = self._cubes.coarser(1)
             self._level += 1
