@@ -15,7 +15,7 @@ from ..types import AreaResult, Bounds, Faces, FloatArray, Floor, Measurement, N
 from ..volcalc.body.measure import floor_of, measure_body
 from ..volcalc.body.voxels import Thinned, VoxelAccumulator
 from ..volcalc.mesh.measure import measure_mesh
-from ..volcalc.polar import measure_polar
+from ..volcalc.paper import measure_polar
 from ..volcalc.slices import BodyRecipe
 from .accounting import FAR
 from .common import (

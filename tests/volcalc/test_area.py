@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from quantify_client.volcalc.polar import ring_areas
+from quantify_client.volcalc.paper import ring_areas
 
 EAST, NORTH = 576_710.5, 5_188_139.0
 

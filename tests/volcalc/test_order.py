@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quantify_client.volcalc.polar import bounding_midpoints, polar_order
+from quantify_client.volcalc.paper import bounding_midpoints, polar_order
 
 
 def counter_clockwise(x, y):
