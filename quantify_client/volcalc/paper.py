@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from ..errors import InputError
 from ..types import AreaResult, FloatArray, IntArray, Notice, Slice
-from .slices import TERRAIN_ONLY, BodyRecipe, slab_count, slab_edges, slab_index
+from .slices import TERRAIN_ONLY, BodyRecipe, slab_edges, slab_index
 
 __all__ = [
     "PolarVolume",
@@ -74,7 +74,7 @@ def measure_polar(
         (x - x.min()) / recipe.ground_factor,
         (y - y.min()) / recipe.ground_factor,
         z,
-        slab_count(highest - lowest, recipe.slices, recipe.slice_height),
+        recipe.slab_count(highest - lowest),
         center_caps=recipe.center_caps,
     )
     return AreaResult(

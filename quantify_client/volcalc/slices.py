@@ -16,7 +16,6 @@ __all__ = [
     "MAX_SLABS",
     "TERRAIN_ONLY",
     "BodyRecipe",
-    "slab_count",
     "slab_edges",
     "slab_index",
     "slices_of",
@@ -37,9 +36,9 @@ TERRAIN_ONLY: Mapping[str, Any] = {
     "perimeter_m": None,
     "coverage": None,
 }
-"""What a result has for terrain only."""
+"""Fields of a result that apply to terrain only."""
 
-#: Slabs of a body when nobody says. Their number does not change the volume, but for the paper's
+#: Slabs of a body by default. Their number does not change the volume, but for the paper's
 #: method: this is its best for 100,000 points.
 _AUTO_SLABS = 50
 
@@ -52,7 +51,7 @@ class BodyRecipe:
     ----------
     slices : ``"auto"`` or the number of slices.
     slice_height : of the slices at most, metres; it decides when given.
-    hollow : what would hold water, and what is enclosed, is void.
+    hollow : hollows that would hold water, and voids, are no part of the body.
     max_gap : widest opening in the surface to be closed, metres; None for any.
     floor : ``"auto"``, ``"none"``, ``"plane"`` or an elevation in metres.
     accuracy : of a mesh, standard deviation of its surface along the normal, metres; or None.
@@ -69,16 +68,15 @@ class BodyRecipe:
     center_caps: bool = False
     ground_factor: float = 1.0
 
+    def slab_count(self, height: float) -> int:
+        """Return the number of slabs that was asked for, or the usual number.
 
-def slab_count(height: float, slices: Union[str, int], slice_height: Optional[float]) -> int:
-    """Return the number of slabs that was asked for, or the usual number.
-
-    >>> slab_count(3.0, "auto", 0.4), slab_count(3.0, "auto", None), slab_count(3.0, 7, None)
-    (8, 50, 7)
-    """
-    if slice_height is not None:
-        return max(1, math.ceil(height / slice_height - 1e-9))
-    return _AUTO_SLABS if slices == "auto" else int(slices)
+        >>> [BodyRecipe(*asked).slab_count(3.0) for asked in (("auto", 0.4), ("auto",), (7,))]
+        [8, 50, 7]
+        """
+        if self.slice_height is not None:
+            return max(1, math.ceil(height / self.slice_height - 1e-9))
+        return _AUTO_SLABS if self.slices == "auto" else int(self.slices)
 
 
 def slab_edges(

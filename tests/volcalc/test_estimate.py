@@ -26,7 +26,6 @@ BODY = Enclosed(
     spacing=0.1,
     water=0.0,
     voids=0.0,
-    hollow=False,
     narrow=0.0,
     gaps=(),
     patches=np.empty((0, 3, 3)),

@@ -19,7 +19,7 @@ __all__ = ["Enclosed", "Open", "enclose"]
 #: Hollows shallower than this many spacings are roughness.
 _SHALLOW = 4.0
 
-#: Share of the faces of the surface that are narrower than what the skin is made of.
+#: The skin is space no wider than this quantile of the widths of the surface's faces.
 _SKIN = 0.99
 
 #: A sheet of points has less than this many spacings between its sides.
@@ -28,18 +28,18 @@ _SHEET = 0.5
 
 @dataclass(frozen=True)
 class Enclosed:
-    """A body.
+    """The body that a surface encloses.
 
     Attributes
     ----------
     surface : of the body, for sections.
     within : volume within the surface, cubic metres.
-    outer, inner : volumes of the skin outside and inside of the surface, cubic metres: of the space
-        that is as narrow as the gaps between the surface's points.
+    outer, inner : volumes of the skin outside and inside of the surface, cubic metres. The skin is
+        the space that is as narrow as the gaps between the surface's points.
     spacing : of the points, metres.
     water : volume of the hollows that were filled, cubic metres.
-    voids : volume of what is enclosed by matter, cubic metres; part of ``within`` unless hollow.
-    hollow : hollows and voids are no part of the body.
+    voids : volume of the voids in matter, cubic metres; part of ``within`` unless they were left
+        out.
     narrow : share of the matter that is as narrow as the skin.
     gaps : openings closed.
     patches : (G, 3, 3) float64, the triangles that close them.
@@ -54,7 +54,6 @@ class Enclosed:
     spacing: float
     water: float
     voids: float
-    hollow: bool
     narrow: float
     gaps: Sequence[Gap]
     patches: FloatArray
@@ -69,13 +68,13 @@ class Enclosed:
 
 @dataclass(frozen=True)
 class Open:
-    """A surface that encloses nothing, and the openings wider than allowed, if that is why."""
+    """A surface that encloses no space; ``leaks`` are its openings wider than allowed, if any."""
 
     leaks: Sequence[Gap]
 
 
 def enclose(points: FloatArray, *, hollow: bool, max_gap: Optional[float]) -> Union[Enclosed, Open]:
-    """Return the body whose surface some points lie on, if they enclose any.
+    """Return the body whose surface the points lie on, or `Open` when they enclose no space.
 
     Parameters
     ----------
@@ -119,7 +118,6 @@ def enclose(points: FloatArray, *, hollow: bool, max_gap: Optional[float]) -> Un
         spacing=spacing,
         water=max(0.0, within - matter_volume),
         voids=float(space.volume[is_void].sum()),
-        hollow=hollow,
         narrow=inner / matter_volume,
         gaps=spaces.gaps,
         patches=space.points[space.faces[spaces.closing]],
@@ -129,14 +127,14 @@ def enclose(points: FloatArray, *, hollow: bool, max_gap: Optional[float]) -> Un
 
 
 def _skin_width(space: Tetrahedra, matter: npt.NDArray[np.bool_]) -> float:
-    """Return how wide the gaps between the points of the surface are, openings apart."""
+    """Return the width of the gaps between the points of the surface, without openings."""
     border = border_faces(space, matter)
     closed = border[~open_faces(space, border)]
     return float(np.quantile(space.width[closed], _SKIN)) if len(closed) else 0.0
 
 
 def _walls(space: Tetrahedra, leaks: Sequence[Gap]) -> Spaces:
-    """Return the spaces when all that no opening leads to is matter."""
+    """Return the spaces of thin walls: outside is what open faces lead to, all else is matter."""
     wide = np.flatnonzero(open_faces(space, np.arange(len(space.faces))))
     part = connected(space.first[wide], space.second[wide], space.around + 1)
     number = (part != part[-1]).astype(np.int64)

@@ -53,7 +53,7 @@ _BULGE = 0.05
 
 @dataclass(frozen=True)
 class Estimate:
-    """Cubic metres: the volume, and its standard deviations by points' number and by noise."""
+    """Volume, and its standard deviations from the density of points and from noise, in m3."""
 
     volume: float
     sampling_std: float
@@ -61,7 +61,7 @@ class Estimate:
 
 
 def is_same_body(body: Enclosed, again: Enclosed) -> bool:
-    """Whether the body found by some of the points is the one found by all."""
+    """Whether the body found from some of the points is the one found from all."""
     same = abs(again.within - body.within) < _SAME * body.within
     return same and again.thin_walled == body.thin_walled
 
@@ -71,7 +71,7 @@ def estimate(body: Enclosed, again: Optional[Enclosed], every: int) -> Estimate:
 
     Parameters
     ----------
-    again : the body found by every so many points; None where these found another one.
+    again : the body found from every ``every``-th point; None where that is another one.
     """
     bulge = 0.5 * (body.outer - body.inner)
     if body.thin_walled:
@@ -89,7 +89,8 @@ def estimate(body: Enclosed, again: Optional[Enclosed], every: int) -> Estimate:
 def hidden_volume(standing: Standing, body: Enclosed) -> Tuple[float, float]:
     """Return the volume below the lowest section, and its standard deviation.
 
-    What went with the ground is upright. Of what nobody saw above it, between none and all is body.
+    The layer left out with the ground is taken as upright body (``standing.sure``). Of the layer
+    above it that no camera saw, anything between none and all is body: half is added.
     """
     if not len(standing.lid):
         return 0.0, 0.0
@@ -101,7 +102,7 @@ def hidden_volume(standing: Standing, body: Enclosed) -> Tuple[float, float]:
 
 
 def closing_std(body: Enclosed) -> float:
-    """Return what flat lids on openings may be off by: the surface may have bulged there."""
+    """Return the standard deviation from closing openings flat where the surface may bulge."""
     a, b, c = body.patches.transpose(1, 0, 2)
     area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
     width = np.max([np.linalg.norm(side, axis=1) for side in (b - a, c - b, a - c)], axis=0)

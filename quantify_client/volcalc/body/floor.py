@@ -1,4 +1,4 @@
-"""A body as it stands: upright on its floor, without ground and outliers, closed at its foot.
+"""The floor of a body: found, made level, left out with the outliers, and the body closed there.
 
 A plane supports a body when nearly nothing lies on its other side. It is ground, and not a face of
 the body, when much of it lies beside the body. Source of the search: RANSAC, Fischler and Bolles
@@ -58,7 +58,7 @@ _MOST_STEPS = 2000
 
 _FEWEST = 7  # points that may be a body
 
-#: The ground that is found unasked for is not steeper.
+#: Largest tilt of ground that is found without being asked for, degrees.
 _STEEPEST = 60.0
 
 #: Points within this many spacings of an elevation given belong to the ground.
@@ -86,8 +86,9 @@ class Standing:
     outlier_count, ground_count : points of the cloud in these.
     pose : how the points were made upright, None where they were left as they are.
     floor : None where the body stands on none.
-    lid : (K, 3) float64, points that close the body at its foot; none where nothing is closed.
-    sure, unsure : metres below the lid that are upright body, and that may be body or not.
+    lid : (K, 3) float64, points that close the body at its foot; empty where it was not closed.
+    sure, unsure : below the lid, height that is taken as upright body and, above that, height that
+        may be body or not, metres.
     """
 
     points: FloatArray
@@ -124,7 +125,7 @@ class Standing:
         )
 
     def as_found(self, points: FloatArray) -> FloatArray:
-        """(N, 3) upright points as they lay in the cloud."""
+        """(N, 3) upright points turned back to where they are in the cloud."""
         return points if self.pose is None else self.pose.undo(points)
 
     def closed(self) -> Tuple[Standing, float]:
@@ -176,7 +177,7 @@ def stand(points: FloatArray, counts: IntArray, floor: Union[str, float]) -> Sta
 
 
 def on_lowest_points(standing: Standing) -> Standing:
-    """Return the same body closed at its lowest points."""
+    """Return the same body closed by a level lid at its lowest points."""
     lowest_point = float(standing.points[:, 2].min())
     lowest = Floor((0.0, 0.0, 1.0), lowest_point, 0.0, 0, "lowest points")
     closed, foot = replace(standing, floor=lowest).closed()
@@ -204,9 +205,9 @@ def _plane(points: FloatArray, floor: Union[str, float]) -> Tuple[Optional[Floor
 
 @dataclass(frozen=True)
 class FloorPlane:
-    """All points p with normal . p = offset; the normal points to the body.
+    """The plane normal . p = offset; the normal points to the body.
 
-    ``reach`` is how far from it points still belong to it, metres.
+    Points no farther from it than ``reach`` belong to it, metres.
     """
 
     normal: FloatArray
@@ -214,7 +215,7 @@ class FloorPlane:
     reach: float
 
     def height(self, points: FloatArray) -> FloatArray:
-        """(N,) of points above the plane."""
+        """(N,) heights of points above the plane."""
         return np.asarray(points @ self.normal - self.offset)
 
 
@@ -246,7 +247,7 @@ def find_plane(points: FloatArray, spacing: float, steepest: float = 180.0) -> O
 
 
 def _refined(points: FloatArray, on: FloatArray, spacing: float) -> Optional[FloorPlane]:
-    """Return the plane fitted to all points near a first one; None if it supports nothing."""
+    """Return the plane fitted to all points near a first one; None if points lie on both sides."""
     for _ in range(4):
         middle = on.mean(axis=0)
         normal = np.linalg.svd(on - middle, full_matrices=False)[2][2]
@@ -297,7 +298,7 @@ class Pose:
     def apply(self, points: FloatArray) -> FloatArray:
         """(N, 3) upright points."""
         turned = (points - self.pivot) @ self.rotation.T
-        return np.asarray(turned + [self.pivot[0], self.pivot[1], 0.0])
+        return np.asarray(turned + np.array([self.pivot[0], self.pivot[1], 0.0]))
 
     def undo(self, points: FloatArray) -> FloatArray:
         """(N, 3) points as they were."""
@@ -343,6 +344,6 @@ def lid(points: FloatArray, level: float, upto: float, spacing: float) -> FloatA
     grid[:, 0] += 0.5 * step * (np.round((grid[:, 1] - y[0]) / step) % 2)
     try:
         inside = grid[Delaunay(corners).find_simplex(grid) >= 0]
-    except QhullError:  # the foot is a line, which nothing lies over
+    except QhullError:  # the foot is a line: it has no area to close
         return np.empty((0, 3))
     return np.column_stack([inside, np.full(len(inside), level)])

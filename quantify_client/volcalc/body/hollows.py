@@ -1,8 +1,8 @@
-"""Hollows of the outside that would hold water: the inside of a cup.
+"""Hollows that would hold water, such as the inside of a cup.
 
-The outside is a landscape of passages, each as high as its lowest point. Rain that falls into it
-stands, in every place, as high as the lowest way out: the smallest, over all paths to what is
-around, of the highest passage on the path.
+Water in a hollow rises to its spill level: the lowest, over all paths to the space around the
+body, of the highest passage on the path. A passage between two tetrahedra is as high as the lowest
+point of their common face.
 
 Source: the filling of depressions in terrain, Wang and Liu 2006, here in three dimensions.
 """
@@ -27,8 +27,8 @@ def water_levels(
 ) -> FloatArray:
     """(M + 1,) elevation up to which each tetrahedron outside holds water, -inf where it is dry.
 
-    Noise cuts notches into a rim, and heaps points upon it. Water runs out through the first and
-    stands as high as the second when no notch lets it; the level is the mean of both.
+    Noise cuts notches into a rim and raises other parts of it. The level is the mean of two: that
+    with all passages open, and that with those as narrow as a notch closed.
 
     Parameters
     ----------
@@ -38,15 +38,15 @@ def water_levels(
     """
     between = np.flatnonzero(outside[space.first] & outside[space.second])
     lowest = np.append(space.points[space.corners, 2].min(axis=1), np.inf)
-    level = _lowest_way_out(space, between)
+    level = _spill_levels(space, between)
     wet = outside & (level > lowest)
     hollow = _hollows(space, between, wet, level)
     depth = np.zeros(len(level))
     np.maximum.at(depth, hollow[wet], level[wet] - lowest[wet])
     wet &= depth[hollow] >= least_depth
     if wet.any():
-        # What no wide passage reaches tells nothing.
-        blocked = _lowest_way_out(space, between[space.width[between] > notch])
+        # Water that no wide passage drains has no second level.
+        blocked = _spill_levels(space, between[space.width[between] > notch])
         blocked[np.isinf(blocked)] = -np.inf
         highest = np.full(len(level), -np.inf)
         np.maximum.at(highest, hollow[wet], blocked[wet])
@@ -55,14 +55,14 @@ def water_levels(
 
 
 def _hollows(space: Tetrahedra, faces: IntArray, wet: _BoolArray, level: FloatArray) -> IntArray:
-    """(M + 1,) number of the water that each tetrahedron is part of; all else has its own."""
+    """(M + 1,) number of the pool that each wet tetrahedron is part of; dry ones have their own."""
     first, second = space.first[faces], space.second[faces]
     same = wet[first] & wet[second] & (level[first] == level[second])
     return connected(first[same], second[same], len(level))
 
 
-def _lowest_way_out(space: Tetrahedra, faces: IntArray) -> FloatArray:
-    """(M + 1,) highest passage on the lowest way to what is around; inf where there is none.
+def _spill_levels(space: Tetrahedra, faces: IntArray) -> FloatArray:
+    """(M + 1,) spill level of each tetrahedron; inf where no path leads to the space around.
 
     Parameters
     ----------
@@ -74,8 +74,7 @@ def _lowest_way_out(space: Tetrahedra, faces: IntArray) -> FloatArray:
     # The lowest of several passages between the same two; ranks, so that none has weight 0.
     order = np.argsort(height, kind="stable")
     pairs = first[order] * count + second[order]
-    once = np.sort(np.unique(pairs, return_index=True)[1])
-    order = order[once]
+    order = order[np.sort(np.unique(pairs, return_index=True)[1])]
     rank = np.arange(1.0, len(order) + 1)
     links = coo_matrix((rank, (first[order], second[order])), shape=(count, count)).tocsr()
     tree = minimum_spanning_tree(links)

@@ -1,4 +1,4 @@
-"""A closed body, from its points to its result: ``--method section``."""
+"""The volume of a closed body from its points: ``--method section``."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from ..slices import (
     CONVERGENCE,
     TERRAIN_ONLY,
     BodyRecipe,
-    slab_count,
     slab_edges,
     slices_of,
 )
@@ -29,8 +28,8 @@ from .warnings import body_warnings, why_open
 
 __all__ = ["floor_of", "measure_body"]
 
-#: A surface bulges beyond its points, by little where they show its shape: a body that is larger
-#: than this many boxes round its points was not found.
+#: A surface bulges beyond its points only a little where they show its shape. A volume of more than
+#: this many boxes round all points is wrong.
 _ROOM = 2.0
 
 _FEWEST = 4  # points of a volume
@@ -39,8 +38,8 @@ _FEWEST_AGAIN = 100  # points that a body is found by again
 #: A skin that is a larger share of the body is rough with noise.
 _ROUGH = 0.01
 
-#: What the check by cells may be off by, as shares of its own correction, which is known to 0.07
-#: (RMS over the bodies of tests/solids.py, see docs/method.md), and of half the skin.
+#: Margin of the check by cells, as shares of its own correction (known to 0.07: RMS over the bodies
+#: of tests/solids.py, see docs/method.md) and of half the skin.
 _CHECK_OF_CORRECTION = 0.2
 _CHECK_OF_SKIN = 0.25
 
@@ -77,7 +76,7 @@ def measure_body(name: str, cloud: Thinned, recipe: BodyRecipe) -> AreaResult:
     volume, std = found.volume + hidden, math.hypot(*(item.std_m3 for item in budget))
     _require_room(standing, volume - 1.96 * std)
     scale, zero = found.volume / body.within, local.elevation_of_zero(standing)
-    edges = _edges(standing, body, recipe)
+    edges, place = _edges(standing, body, recipe), partial(local.place, standing)
     return AreaResult(
         name=name,
         volume_m3=volume,
@@ -93,18 +92,7 @@ def measure_body(name: str, cloud: Thinned, recipe: BodyRecipe) -> AreaResult:
         slice_height_m=float(edges[1] - edges[0]),
         slices=_slices(standing, body, edges, hidden, scale, zero),
         checks=_checks(standing, body, hidden),
-        warnings=tuple(
-            body_warnings(
-                cloud,
-                standing,
-                body,
-                hidden,
-                volume,
-                partial(local.place, standing),
-                floor_asked=recipe.floor != "auto",
-                gap_asked=recipe.max_gap is not None,
-            )
-        ),
+        warnings=tuple(body_warnings(cloud, standing, body, hidden, volume, place, recipe)),
         solid=_drawn(local, standing, body, edges, hidden, scale),
         **TERRAIN_ONLY,
     )
@@ -148,7 +136,7 @@ class _LocalFrame:
 
 
 def _enclosed(local: _LocalFrame, cloud: Thinned, recipe: BodyRecipe) -> Tuple[Standing, Enclosed]:
-    """Return the points and their body; one that is open below is closed at its lowest points."""
+    """Return the upright points and their body, closed at its lowest points if open below."""
     floor = recipe.floor
     if not isinstance(floor, str):
         floor = float(floor) - float(local.origin[2])
@@ -167,7 +155,7 @@ def _enclose(points: FloatArray, lid: FloatArray, recipe: BodyRecipe) -> Union[E
 
 
 def _estimate(standing: Standing, body: Enclosed, recipe: BodyRecipe) -> Estimate:
-    """Return the volume within the surface and its error, with the help of some of the points."""
+    """Return the volume within the surface and its error, from all points and from some."""
     for every in RESAMPLED:
         some = standing.points[::every]
         again = _enclose(some, standing.lid, recipe) if len(some) >= _FEWEST_AGAIN else Open(())
@@ -210,7 +198,7 @@ def _edges(standing: Standing, body: Enclosed, recipe: BodyRecipe) -> FloatArray
     """(M + 1,) edges of the slices, from the floor or the lowest point to the highest."""
     lowest = 0.0 if standing.pose is not None else body.surface.lowest
     highest = body.surface.highest
-    count = slab_count(highest - lowest, recipe.slices, recipe.slice_height)
+    count = recipe.slab_count(highest - lowest)
     return slab_edges(min(lowest, body.surface.lowest), highest, count)
 
 
@@ -222,9 +210,9 @@ def _slices(
     scale: float,
     zero: float,
 ) -> Tuple[Slice, ...]:
-    """Return the slices; what is hidden lies evenly between the floor and the foot.
+    """Return the slices, with the hidden volume spread evenly between the floor and the foot.
 
-    ``scale`` makes them sum to the estimate: what facets and noise hide is shared by volume.
+    ``scale`` makes them sum to the estimate: corrections are shared by volume.
     """
     volumes = np.diff(body.surface.volume_below(edges)) * scale
     gap = standing.sure + standing.unsure

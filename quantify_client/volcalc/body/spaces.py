@@ -34,8 +34,9 @@ __all__ = ["Spaces", "border_faces", "find_pockets", "find_spaces", "open_faces"
 #: A pocket is this many times wider than its widest passage ...
 _PERSISTENCE = 1.5
 
-#: ... or only so many times where it is `_LARGE` point spacings wide: points at random do not
-#: make that, but a surface with a large hole does. What is open after all is joined again later.
+#: ... or only so many times where it is more than `_LARGE` point spacings wide: gaps between points
+#: at random are never that wide, a body with a large hole is. Pockets that are open to each other
+#: are joined again later.
 _PERSISTENCE_LARGE = 1.05
 _LARGE = 10.0
 
@@ -47,7 +48,7 @@ _FEWEST_FACES = 20
 
 
 def find_pockets(space: Tetrahedra, spacing: float) -> IntArray:
-    """Divide space into pockets; each tetrahedron goes where its widest path leads.
+    """Return the pocket of each tetrahedron: the one that its widest path leads to.
 
     Parameters
     ----------
@@ -56,7 +57,7 @@ def find_pockets(space: Tetrahedra, spacing: float) -> IntArray:
     Returns
     -------
     (M + 1,) int64
-        Number of each tetrahedron's pocket, from 0; the last one is what is around.
+        Number of each tetrahedron's pocket, from 0; the last element is the space around.
     """
     forest = _Forest.of(space)
     while True:
@@ -89,7 +90,7 @@ class _Forest:
 
     @classmethod
     def of(cls, space: Tetrahedra) -> _Forest:
-        """Return the forest in which every tetrahedron is a tree, and only what is around lasts."""
+        """Return the forest of one tree for each tetrahedron; only the space around lasts."""
         count = space.around + 1
         birth = space.widest()
         birth[-1] = np.inf
@@ -115,12 +116,8 @@ class _Forest:
         """
         none = len(self.width)
         widest = np.full(len(self.birth), none)
-        # Narrowest first: what is written last, and stays, is a tree's widest face.
-        upwards = np.arange(none)[::-1]
-        widest[self.first[::-1]] = upwards
-        seconds = np.full(len(self.birth), none)
-        seconds[self.second[::-1]] = upwards
-        np.minimum(widest, seconds, out=widest)
+        for ends in (self.first, self.second):
+            np.minimum.at(widest, ends, np.arange(none))
         source = np.flatnonzero((widest < none) & ~self.lasting)
         link = widest[source]
         target = self.first[link] + self.second[link] - source
@@ -134,9 +131,7 @@ class _Forest:
         while not np.array_equal(root[root], root):
             root = root[root]
         left = np.flatnonzero(root == np.arange(len(root)))
-        number = np.empty_like(root)
-        number[left] = np.arange(len(left))
-        number = number[root]
+        number = np.searchsorted(left, root)
         self.tree = number[self.tree]
         self.birth, self.rank, self.lasting = self.birth[left], self.rank[left], self.lasting[left]
         first, second = number[self.first], number[self.second]
@@ -146,7 +141,7 @@ class _Forest:
 
 @dataclass(frozen=True)
 class Spaces:
-    """What each tetrahedron belongs to.
+    """Outside, matter or void: the space that each tetrahedron belongs to.
 
     Attributes
     ----------
@@ -167,7 +162,7 @@ class Spaces:
 
 
 def find_spaces(space: Tetrahedra, pocket: IntArray, max_gap: Optional[float] = None) -> Spaces:
-    """Join pockets to spaces and tell how deep each lies.
+    """Return the spaces that pockets join to, and how deep each lies.
 
     Parameters
     ----------
@@ -240,7 +235,7 @@ class _Pairs:
 
 
 def _join_open(space: Tetrahedra, pocket: IntArray) -> IntArray:
-    """Join pockets that share more opening than surface, those that share most of it first."""
+    """Return numbers in which pockets with more opening than surface between them are one."""
     pairs, becomes = _Pairs.between(space, pocket), np.arange(int(pocket.max()) + 1)
     while len(pairs.first):
         share = pairs.open_area / np.maximum(pairs.area, np.finfo(float).tiny)
@@ -253,7 +248,7 @@ def _join_open(space: Tetrahedra, pocket: IntArray) -> IntArray:
 
 
 def _absorb(space: Tetrahedra, number: IntArray) -> IntArray:
-    """Give what is too small to be a space to the neighbour that it shares most surface with."""
+    """Return numbers in which gaps between points belong to the neighbour with most common area."""
     pairs = _Pairs.between(space, number)
     count = int(number.max()) + 1
     faces = np.bincount(pairs.first, pairs.faces, count).astype(np.float64)

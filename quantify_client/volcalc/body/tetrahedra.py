@@ -16,8 +16,8 @@ from .spacing import spacings
 __all__ = ["Tetrahedra", "connected", "face_normals", "tetrahedralize"]
 
 #: Points are moved by up to this share of their spacing. Points exactly on one plane, sphere or
-#: tube have no unique triangulation, and finding one takes many times longer; volumes do not see
-#: it.
+#: tube have no unique triangulation, and finding one takes many times longer; the volume
+#: hardly changes.
 _JOGGLE = 0.01
 
 _FEWEST = 5  # points; four span one tetrahedron, which has no inside to find
@@ -63,7 +63,7 @@ class Tetrahedra:
 
     @property
     def around(self) -> int:
-        """The number of what is around the convex hull."""
+        """The number that stands for the space around the convex hull."""
         return len(self.corners)
 
     def face_areas(self, which: IntArray) -> FloatArray:
@@ -146,7 +146,12 @@ def face_normals(points: FloatArray, faces: IntArray) -> FloatArray:
 
 
 def connected(first: IntArray, second: IntArray, count: int) -> IntArray:
-    """(count,) number of the group that each of some things is in, when pairs are joined."""
+    """(count,) number of the connected component of each of ``count`` nodes.
+
+    Parameters
+    ----------
+    first, second : (K,) the two nodes of each link.
+    """
     links = coo_matrix((np.ones(len(first)), (first, second)), (count, count))
     return np.asarray(connected_components(links, directed=False)[1], np.int64)
 

@@ -144,9 +144,9 @@ class VoxelAccumulator:
         return int(self._cubes.counts.sum())
 
     def thinned(self, most: int = MOST_POINTS) -> Thinned:
-        """Return centroids, in an order that depends on nothing but the points: by z, y and x."""
+        """Return centroids in an order that depends on the points only: by z, y and x."""
         held = self._cubes.counts[:, None]
-        # Whole steps, as the points' own places are: what the corner is leaves no trace.
+        # Rounded to whole steps, as the points were, so that the corner does not matter.
         steps = (2 * self._cubes.sums + held) // (2 * held)
         order = np.lexsort(steps.T)
         middles = (steps[order] + 0.5) / self._fine + self._low

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Callable, Iterator, Sequence
 
 from ...types import Gap, Notice
+from ..slices import BodyRecipe
 from .enclose import Enclosed
 from .floor import Standing
 from .voxels import Thinned
@@ -31,9 +32,7 @@ def body_warnings(
     hidden: float,
     volume: float,
     place: _Place,
-    *,
-    floor_asked: bool,
-    gap_asked: bool,
+    recipe: BodyRecipe,
 ) -> Iterator[Notice]:
     """Yield what to warn of, the gravest first.
 
@@ -41,13 +40,13 @@ def body_warnings(
     ----------
     hidden, volume : below the lowest section, and of the whole body, cubic metres.
     place : says where an opening is.
-    floor_asked, gap_asked : the user said what the floor is, and how wide a gap may be closed:
-        no warning then advises to.
+    recipe : what the user said already is not advised.
     """
-    yield from _openings(body, place, "" if gap_asked else _GAP_ADVICE)
-    yield from _floor(standing, hidden, volume, "" if floor_asked else _FLOOR_ADVICE)
+    yield from _openings(body, place, "" if recipe.max_gap is not None else _GAP_ADVICE)
+    yield from _floor(standing, hidden, volume, "" if recipe.floor != "auto" else _FLOOR_ADVICE)
     yield from _walls(body)
-    yield from _hollows(body, volume)
+    if not recipe.hollow:
+        yield from _hollows(body, volume)
     yield from _points(cloud, standing)
 
 
@@ -140,8 +139,6 @@ def _walls(body: Enclosed) -> Iterator[Notice]:
 
 
 def _hollows(body: Enclosed, volume: float) -> Iterator[Notice]:
-    if body.hollow:
-        return
     if body.water > _HOLLOW * volume:
         yield Notice(
             "hollow-counts-as-solid",

@@ -22,9 +22,9 @@ __all__ = ["MOST_FACES", "NotClosedError", "closed"]
 #: Of one mesh: the search for faces that meet takes about 15 s and 0.5 GB for each million.
 MOST_FACES = 5_000_000
 
-#: The point of a face, and the direction, in which it is asked which of its sides is inside:
-#: numbers without a simple relation, so that nothing regular lines up with them. Where something
-#: does, others are tried.
+#: From a point of a face (weights of its corners) a line goes out in a leaning direction to find
+#: which side is inside. The numbers have no simple relation, so that regular meshes do not line up
+#: with them; where one does, others are tried.
 _TRIES = 8
 _WEIGHTS = (1.0, 2.0**0.5, 3.0**0.5)
 _LEAN = (0.0137 * 2.0**0.5, 0.0171 * 3.0**0.5)
@@ -66,7 +66,7 @@ def closed(points: FloatArray, triangles: IntArray) -> Tuple[IntArray, bool]:
         The faces do not close the surface, meet where they should not, or contradict each other.
     """
     grid, number = _on_grid(points, triangles)
-    left = _without_nothing(number)
+    left = _counted_faces(number)
     number = number[left]
     patch = _patches(number, left)
     normal = normals(grid, number)
@@ -89,28 +89,28 @@ def _on_grid(points: FloatArray, triangles: IntArray) -> Tuple[IntArray, IntArra
     low = here.min(axis=0)
     extent = max(float((here.max(axis=0) - low).max()), np.finfo(np.float64).tiny)
     steps = np.rint((here - low) / extent * 2.0**BITS).astype(np.int64)
-    order = np.lexsort(steps.T)
-    steps = steps[order]
-    new = np.concatenate([[True], (steps[1:] != steps[:-1]).any(axis=1)])
-    place = np.empty(len(order), dtype=np.int64)
-    place[order] = np.cumsum(new) - 1
-    return steps[new], place[number.reshape(triangles.shape)]
+    first, place = _distinct(steps)
+    return steps[first], place[number.reshape(triangles.shape)]
 
 
-def _without_nothing(number: IntArray) -> IntArray:
-    """(K,) the triangles that count: neither lines nor both sides of a wall within the body."""
+def _distinct(rows: IntArray) -> Tuple[IntArray, IntArray]:
+    """Return (D,) a row of each kind, and (N,) the number of each row's kind."""
+    order = np.lexsort(rows.T)
+    new = np.append(True, (rows[order[1:]] != rows[order[:-1]]).any(axis=1))
+    kind = np.empty(len(order), dtype=np.int64)
+    kind[order] = np.cumsum(new) - 1
+    return order[new], kind
+
+
+def _counted_faces(number: IntArray) -> IntArray:
+    """(K,) the triangles that count: no degenerate ones, and no two back to back in one place."""
     a, b, c = number.T
     kept = np.flatnonzero((a != b) & (b != c) & (c != a))
     if not len(kept):
         raise NotClosedError("none of its faces has an area")
-    corners = np.sort(number[kept], axis=1)
-    order = np.lexsort(corners.T)
-    same = (corners[order][1:] == corners[order][:-1]).all(axis=1)
-    group = np.empty(len(kept), dtype=np.int64)
-    group[order] = np.concatenate([[0], np.cumsum(~same)])
-    lowest = np.argmin(number[kept], axis=1)
-    rolled = np.take_along_axis(number[kept], (lowest[:, None] + np.arange(3)) % 3, axis=1)
-    way = np.where(rolled[:, 1] < rolled[:, 2], 1, -1)
+    group = _distinct(np.sort(number[kept], axis=1))[1]
+    order = np.argsort(number[kept], axis=1)
+    way = np.where((order[:, 1] - order[:, 0]) % 3 == 1, 1, -1)
     total = np.bincount(group, weights=way).astype(np.int64)
     twice = np.abs(total) > 1
     if twice.any():
@@ -118,7 +118,7 @@ def _without_nothing(number: IntArray) -> IntArray:
         raise NotClosedError(f"{_faces(twice.sum())} the same corners as another", face)
     left = np.flatnonzero(way == total[group])
     # Of three in one place two cancel: one of each kind that remains is enough.
-    _, first = np.unique(group[left], return_index=True)
+    first = np.unique(group[left], return_index=True)[1]
     if not len(first):
         raise NotClosedError("its faces lie in pairs back to back")
     return kept[np.sort(left[first])]
@@ -161,7 +161,7 @@ def _inverted(points: FloatArray, number: IntArray, patch: IntArray) -> bool:
     Raises
     ------
     NotClosedError
-        Some faces point inwards and others do not, or nothing can be said.
+        Some faces point inwards and others do not, or no direction decides.
     """
     inner = _inner_sides(points, number, patch)
     if (inner == 1).all() or (inner == 0).all():
@@ -187,14 +187,16 @@ def _inner_sides(points: FloatArray, number: IntArray, patch: IntArray) -> IntAr
         lean = np.array([*_LEAN, 0.0]) * attempt
         weights = np.array(_WEIGHTS) ** attempt
         leaning = points + points[:, 2:] * lean
-        inner[left], certain = _counted(leaning, number, face[left], weights / weights.sum())
+        inner[left], certain = _winding_numbers(
+            leaning, number, face[left], weights / weights.sum()
+        )
         left = left[~certain]
         if not len(left):
             return inner
-    raise NotClosedError("no direction tells its inside from its outside")
+    raise NotClosedError("its inside cannot be told from its outside")
 
 
-def _counted(
+def _winding_numbers(
     points: FloatArray, number: IntArray, asked: IntArray, weights: FloatArray
 ) -> Tuple[IntArray, npt.NDArray[np.bool_]]:
     """Return the larger winding number at the sides of faces, and whether it is certain."""

@@ -25,7 +25,7 @@ _LOW = 31  # bits of the lower part of a normal
 _MASK = (1 << _LOW) - 1
 _TURNED = np.array([[0, 1, 2], [1, 2, 0], [2, 0, 1]])
 
-#: Pairs of nodes looked at together; what is held is a few times as much.
+#: Pairs of nodes compared at once; memory is a few times as much.
 _BLOCK = 1 << 17
 
 _MORTON_BITS = 21  # of a coordinate in a Morton code: three of them fill 63 bits
@@ -52,10 +52,8 @@ def meeting(points: IntArray, triangles: IntArray, normal: IntArray) -> Optional
     triangles : (T, 3) numbers of points, none of them without area.
     normal : (T, 3), theirs.
     """
-    corners = [points[triangles[:, corner]] for corner in range(3)]
-    low = np.minimum(np.minimum(*corners[:2]), corners[2]).astype(np.int32)
-    high = np.maximum(np.maximum(*corners[:2]), corners[2]).astype(np.int32)
-    tree = BoxTree(low, high)
+    corners = points[triangles].astype(np.int32)
+    tree = BoxTree(corners.min(axis=1), corners.max(axis=1))
     for first, second in overlaps(tree, tree):
         bad = _meet(points, triangles, normal, first, second)
         if bad.any():
@@ -146,7 +144,7 @@ def _pierces(points: IntArray, edge: IntArray, triangle: IntArray, normal: IntAr
 
 def _meets_in_plane(edge: IntArray, triangle: IntArray, normal: IntArray) -> Mask:
     """(P,) whether edges (P, 2, 3) meet triangles (P, 3, 3) of the same plane."""
-    # Seen along the axis nearest to the normal nothing falls together.
+    # Project along the axis nearest to the normal: the triangle stays a triangle.
     axis = np.argmax(np.abs(normal), axis=1)
     kept = np.array([[1, 2], [0, 2], [0, 1]])[axis][:, None, :]
     edge = np.take_along_axis(edge, np.repeat(kept, 2, axis=1), axis=2)
@@ -199,7 +197,7 @@ class BoxTree:
         self.depth = max(depth, (len(low) - 1).bit_length())
         self.order = np.argsort(_morton(0.5 * low + 0.5 * high), kind="stable")
         room = (1 << self.depth) - len(low)
-        # Boxes that are none overlap nothing: their low corner lies above all high ones.
+        # Padding boxes overlap no other: their low corner lies above all high ones.
         lows = np.pad(low[self.order].T, ((0, 0), (0, room)), constant_values=high.max() + 1)
         highs = np.pad(high[self.order].T, ((0, 0), (0, room)), constant_values=low.min() - 1)
         self.levels: List[Tuple[Boxes, Boxes]] = [(lows, highs)]

@@ -14,7 +14,7 @@ import numpy as np
 from ...types import AreaResult, BudgetItem, Check, Faces, FloatArray, IntArray, Notice, Solid
 from ..body.sections import BodySurface
 from ..body.tetrahedra import face_normals
-from ..slices import CONVERGENCE, TERRAIN_ONLY, BodyRecipe, slab_count, slab_edges, slices_of
+from ..slices import CONVERGENCE, TERRAIN_ONLY, BodyRecipe, slab_edges, slices_of
 from .closed import MOST_FACES, NotClosedError, closed
 
 __all__ = ["measure_mesh"]
@@ -33,8 +33,8 @@ _MOST_POINTS = 20_000  # in the report's picture
 
 _NO_INTERVAL = Notice(
     "no-interval-mesh",
-    "a mesh does not tell how good it is: the volume within its faces is exact, and it has no "
-    "interval; give the standard deviation of its surface (--accuracy)",
+    "the volume within the faces of the mesh is exact, but the accuracy of the mesh is unknown, so "
+    "there is no interval; give the standard deviation of its surface (--accuracy)",
 )
 
 
@@ -81,8 +81,8 @@ def _result(
     std = None if recipe.accuracy is None else recipe.accuracy * area
     surface = BodySurface.of(here, triangles)
     zero, used = float(origin[2]), np.unique(triangles)
-    count = slab_count(surface.highest - surface.lowest, recipe.slices, recipe.slice_height)
-    edges = slab_edges(surface.lowest, surface.highest, count)
+    low, high = surface.lowest, surface.highest
+    edges = slab_edges(low, high, recipe.slab_count(high - low))
     held = np.histogram(np.clip(here[used, 2], edges[0], edges[-1]), edges)[0]
     return AreaResult(
         name=name,
@@ -90,8 +90,8 @@ def _result(
         std_m3=std,
         budget=() if std is None else (BudgetItem("survey", std),),
         surface_area_m2=area,
-        min_z_m=surface.lowest + zero,
-        max_z_m=surface.highest + zero,
+        min_z_m=low + zero,
+        max_z_m=high + zero,
         max_height_m=float(edges[-1] - edges[0]),
         points_used=len(used),
         points_left_out={"in no face that counts": len(here) - len(used)},
