@@ -255,7 +255,7 @@ def test_thinned_points_are_counted_and_told():
     assert any("12,000 points were thinned to 3,000" in line for line in result.warnings)
 
 
-def test_strays_are_counted_and_many_are_told():
+def test_outliers_are_counted_and_many_are_told():
     few, many = (volume_of(scanned("sphere", 3000, outliers=share)) for share in (0.01, 0.06))
     assert few.volume_m3 == pytest.approx(BALL, rel=0.01)
     assert 18 <= few.points_left_out["stray"] <= 30

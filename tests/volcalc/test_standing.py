@@ -86,7 +86,7 @@ def test_ground_is_body_when_no_floor_is_wanted():
     assert len(stood(standing_scan(), "none").points) > 1.5 * COUNT
 
 
-def test_strays_are_left_out_and_counted():
+def test_outliers_are_left_out_and_counted():
     points = standing_scan(outliers=0.01)
     clean = len(stood(standing_scan(), "auto").points)
     counts = np.arange(1, len(points) + 1)

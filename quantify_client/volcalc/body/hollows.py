@@ -19,11 +19,9 @@ from .tetrahedra import Tetrahedra, connected
 
 __all__ = ["water_levels"]
 
-_BoolArray = npt.NDArray[np.bool_]
-
 
 def water_levels(
-    space: Tetrahedra, outside: _BoolArray, least_depth: float, notch: float
+    space: Tetrahedra, outside: npt.NDArray[np.bool_], least_depth: float, notch: float
 ) -> FloatArray:
     """(M + 1,) elevation up to which each tetrahedron outside holds water, -inf where it is dry.
 
@@ -40,25 +38,20 @@ def water_levels(
     lowest = np.append(space.points[space.corners, 2].min(axis=1), np.inf)
     level = _spill_levels(space, between)
     wet = outside & (level > lowest)
-    hollow = _hollows(space, between, wet, level)
+    first, second = space.first[between], space.second[between]
+    same = wet[first] & wet[second] & (level[first] == level[second])
+    pool = connected(first[same], second[same], len(level))
     depth = np.zeros(len(level))
-    np.maximum.at(depth, hollow[wet], level[wet] - lowest[wet])
-    wet &= depth[hollow] >= least_depth
+    np.maximum.at(depth, pool[wet], level[wet] - lowest[wet])
+    wet &= depth[pool] >= least_depth
     if wet.any():
         # Water that no wide passage drains has no second level.
         blocked = _spill_levels(space, between[space.width[between] > notch])
         blocked[np.isinf(blocked)] = -np.inf
         highest = np.full(len(level), -np.inf)
-        np.maximum.at(highest, hollow[wet], blocked[wet])
-        level = 0.5 * (level + np.maximum(level, highest[hollow]))
+        np.maximum.at(highest, pool[wet], blocked[wet])
+        level = 0.5 * (level + np.maximum(level, highest[pool]))
     return np.where(wet, level, -np.inf)
-
-
-def _hollows(space: Tetrahedra, faces: IntArray, wet: _BoolArray, level: FloatArray) -> IntArray:
-    """(M + 1,) number of the pool that each wet tetrahedron is part of; dry ones have their own."""
-    first, second = space.first[faces], space.second[faces]
-    same = wet[first] & wet[second] & (level[first] == level[second])
-    return connected(first[same], second[same], len(level))
 
 
 def _spill_levels(space: Tetrahedra, faces: IntArray) -> FloatArray:

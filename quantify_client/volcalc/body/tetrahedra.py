@@ -97,12 +97,14 @@ def tetrahedralize(points: FloatArray) -> Tetrahedra:
     points = points + rng.uniform(-_JOGGLE, _JOGGLE, points.shape) * spacing[:, None]
     delaunay = Delaunay(points)
     corners = delaunay.simplices.astype(np.int64)
+    a, b, c, d = (points[corners[:, i]] for i in range(4))
+    volume = np.abs(np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a))) / 6.0
     first, second, faces, areas = _faces(points, corners, delaunay.neighbors.astype(np.int64))
     return Tetrahedra(
         points=points,
         spacing=spacing,
         corners=corners,
-        volume=np.append(_volumes(points, corners), 0.0),
+        volume=np.append(volume, 0.0),
         first=first,
         second=second,
         faces=faces,
@@ -154,13 +156,6 @@ def connected(first: IntArray, second: IntArray, count: int) -> IntArray:
     """
     links = coo_matrix((np.ones(len(first)), (first, second)), (count, count))
     return np.asarray(connected_components(links, directed=False)[1], np.int64)
-
-
-def _volumes(points: FloatArray, corners: IntArray) -> FloatArray:
-    """(M,) volumes of the tetrahedra."""
-    a, b, c, d = (points[corners[:, i]] for i in range(4))
-    b, c, d = b - a, c - a, d - a
-    return np.asarray(np.abs(np.einsum("ij,ij->i", b, np.cross(c, d))) / 6.0)
 
 
 def _widths(points: FloatArray, faces: IntArray, areas: FloatArray) -> FloatArray:
