@@ -248,3 +248,14 @@ def test_result_is_complete():
 def test_faces_without_corners_enclose_nothing():
     none = Faces(np.empty(0, dtype=np.int64), np.zeros(3, dtype=np.int64))
     assert measure_mesh("a", np.eye(3), none, BodyRecipe()) == "none of them has a corner"
+
+
+def test_the_place_of_a_fault_is_that_of_a_face_that_is_at_fault():
+    """Faces without an area are left out before, and must not shift the count."""
+    points, faces = cube()
+    points, faces = np.vstack([points, np.full((3, 3), 9.0)]), [list(face) for face in faces]
+    degenerate = [[8, 9, 10]] * 3
+    told = reason((points, [*degenerate, *faces[:-1]]))
+    x, y, z = (float(number) for number in told.split("(one at ")[1].rstrip(")").split(", "))
+    assert "open" in told
+    assert np.all(np.array([x, y, z]) - UTM < 2.0)
