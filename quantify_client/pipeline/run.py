@@ -16,12 +16,11 @@ from ..sfm.servers.access import Access
 from ..source import Source, is_address, open_source
 from ..types import Floor, Measurement, Options
 from .accounting import every_point, left_out, losses
-from .body import find_floor, measure_object
+from .body import ByFaces, find_floor, measure_faces, measure_whole_body
 from .checking import with_check_warnings
 from .common import cloud_warnings, coordinates_of, provenance
 from .control.budget import with_scale
 from .control.place import place_cloud
-from .mesh import ByFaces, measure_faces
 from .streaming import Progress
 from .terrain import measure_areas
 
@@ -81,7 +80,7 @@ def _measured(source: Source, options: Options, report: Progress) -> Measurement
     placement = place_cloud(source, frame, options) if options.gcp is not None else None
     frame = placement.frame if placement else frame
     shape = choose_shape(options, has_crs=frame.crs is not None, is_odm=source.is_odm)
-    run = measure_areas if shape == "terrain" else measure_object
+    run = measure_areas if shape == "terrain" else measure_whole_body
     measurement = run(source, frame, options, report)
     if placement is None:
         return measurement
