@@ -13,7 +13,7 @@ from PIL import Image
 from quantify_client.errors import InputError, JobError
 from quantify_client.sfm.photos.check import check_photos
 from quantify_client.sfm.photos.formats import header, kind_of
-from quantify_client.sfm.servers.multipart import FileBody
+from quantify_client.sfm.servers.upload_body import UploadBody
 
 # Servers, sizes and words: no different on a second Python.
 pytestmark = pytest.mark.one_python
@@ -230,7 +230,7 @@ def test_file_that_changes_while_it_is_sent_is_not_sent_to_its_end(tmp_path, cha
     path = tmp_path / "a.JPG"
     path.write_bytes(b"a" * 1_000_000)
     os.utime(path, ns=(5, 5))
-    body = FileBody(path, "a.JPG")
+    body = UploadBody(path, "a.JPG")
     blocks = iter(body)
     for _ in range(after):
         next(blocks)

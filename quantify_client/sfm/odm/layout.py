@@ -12,7 +12,7 @@ from typing import List, Optional, Tuple
 from ...cloud.base import naming
 from ...errors import CloudError
 from ...files.reading import real_path
-from ...types import Bounds
+from ...types import Bounds, Notice
 
 GEOREFERENCING, ENTWINE = "odm_georeferencing", "entwine_pointcloud"
 MODELS = tuple(
@@ -29,6 +29,18 @@ CONTROL_POSITIONS = f"{GEOREFERENCING}/ground_control_points.geojson"
 CAMERA_FILES = (SHOTS, CAMERAS, CONTROL_POSITIONS)
 CAMERA_BYTES = 100_000_000
 
+MINIMAL_OUTPUTS: Tuple[str, ...] = (
+    f"{GEOREFERENCING}/{MODELS[0]}",
+    *(f"{GEOREFERENCING}/{name}" for name in SIDECARS[:2]),
+    CONTROL_POSITIONS,
+    SHOTS,
+    CAMERAS,
+    "odm_report/stats.json",
+    "images.json",
+    "log.json",
+)
+"""What measuring, scaling and an honest error need; a node leaves out what is missing."""
+
 _FALLBACKS = (f"{ENTWINE}/ept.json", "odm_filterpoints/point_cloud.ply")
 _TILES = (".laz", ".las")
 _DEPTH = 2  # folders between the one given and a project
@@ -39,12 +51,12 @@ _FAR = 200_000.0  # metres: no survey reaches that far from ODM's offset
 
 
 @dataclass(frozen=True)
-class Found:
+class CloudFiles:
     """The files of a cloud within a folder."""
 
     paths: Tuple[Path, ...]
     is_odm: bool
-    warnings: Tuple[str, ...] = ()
+    warnings: Tuple[Notice, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -63,7 +75,7 @@ class Sidecar:
         return math.dist(middle, self.offset) <= _FAR
 
 
-def find_cloud(folder: Path) -> Found:
+def find_cloud(folder: Path) -> CloudFiles:
     """Find the cloud in a folder: an ODM project or a part of it, an EPT set, or tiles.
 
     Raises
@@ -86,24 +98,26 @@ def find_cloud(folder: Path) -> Found:
     return found
 
 
-def _in_project(root: Path) -> Optional[Found]:
+def _in_project(root: Path) -> Optional[CloudFiles]:
     for name in MODELS:
         for path in (root / GEOREFERENCING / name, root / name):
             if path.is_file():
-                return Found((path,), True)
+                return CloudFiles((path,), True)
     entwine, filtered = (root / name for name in _FALLBACKS)
     if entwine.is_file():
-        return Found((entwine,), True)
+        return CloudFiles((entwine,), True)
     if filtered.is_file():
-        note = (
+        note = Notice(
+            "cloud-before-georeferencing",
             f"{filtered}: no georeferenced model was found, so the cloud before georeferencing is "
-            "used; its coordinates are local and belong to no CRS"
+            "used; its coordinates are local and belong to no CRS",
+            file=str(filtered),
         )
-        return Found((filtered,), True, (note,))
+        return CloudFiles((filtered,), True, (note,))
     return None
 
 
-def _below(folder: Path) -> Optional[Found]:
+def _below(folder: Path) -> Optional[CloudFiles]:
     """The one project in the folders below (an unpacked all.zip within a task's folder, say)."""
     level = [folder]
     for _ in range(_DEPTH):
@@ -119,12 +133,12 @@ def _below(folder: Path) -> Optional[Found]:
     return None
 
 
-def _as_tiles(folder: Path) -> Optional[Found]:
+def _as_tiles(folder: Path) -> Optional[CloudFiles]:
     ept = folder / "ept.json"
     if ept.is_file():
-        return Found((ept,), False)
+        return CloudFiles((ept,), False)
     tiles = sorted(path for path in folder.iterdir() if path.suffix.lower() in _TILES)
-    return Found(tuple(tiles), False) if tiles else None
+    return CloudFiles(tuple(tiles), False) if tiles else None
 
 
 def belongs_to_odm(path: Path) -> bool:
@@ -158,13 +172,8 @@ def read_sidecar(cloud: Path) -> Optional[Sidecar]:
     real = real_path(cloud)
     folder = real.parent.parent / GEOREFERENCING if _is_entwine(real) else real.parent
     for name in SIDECARS:
-        path = folder / name
-        with naming(path, "expected a small text file that names a CRS"):
-            if not path.is_file():
-                continue
-            with path.open("rb") as stream:
-                text = stream.read(SIDECAR_BYTES).decode("utf-8-sig", "replace")
-        lines = [line.strip() for line in text.splitlines() if line.strip()]
+        lines = [line.strip() for line in _read_head(folder / name, SIDECAR_BYTES).splitlines()]
+        lines = [line for line in lines if line]
         crs = _crs(lines[0]) if lines else None
         if crs is not None:
             return Sidecar(crs, name, _offset(lines))
@@ -174,17 +183,22 @@ def read_sidecar(cloud: Path) -> Optional[Sidecar]:
 def _crs_beside(cloud: Path) -> Optional[Sidecar]:
     """Return what cloud.prj (ESRI) or cloud.laz.aux.xml (GDAL) says."""
     for path in (cloud.with_suffix(".prj"), cloud.with_name(f"{cloud.name}.aux.xml")):
-        with naming(path, "expected a small text file that names a CRS"):
-            if not path.is_file():
-                continue
-            with path.open("rb") as stream:
-                text = stream.read(_BESIDE_BYTES).decode("utf-8-sig", "replace").strip()
+        text = _read_head(path, _BESIDE_BYTES).strip()
         if path.suffix == ".xml":
             found = _PAM.search(text)
             text = html.unescape(found.group(1)).strip() if found else ""
         if text:
             return Sidecar(text, path.name)
     return None
+
+
+def _read_head(path: Path, most: int) -> str:
+    """Return the beginning of a small text file; nothing where there is none."""
+    with naming(path, "expected a small text file that names a CRS"):
+        if not path.is_file():
+            return ""
+        with path.open("rb") as stream:
+            return stream.read(most).decode("utf-8-sig", "replace")
 
 
 def _crs(line: str) -> Optional[str]:
