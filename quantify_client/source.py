@@ -9,7 +9,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any, Callable, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
 
-from .cloud import DEFAULT_CHUNK, Cloud, Fetch, open_cloud
+from .cloud import DEFAULT_CHUNK, Cloud, open_cloud
 from .cloud.base import Front, naming
 from .crs import UNITS_M, Statement, given_crs, merge, same_coordinates, stated_by, statement_of_wkt
 from .errors import CloudError, UsageError
@@ -18,6 +18,7 @@ from .sfm.odm.archive import unpacked
 from .sfm.odm.layout import (
     ENTWINE,
     GEOREFERENCING,
+    LocatedCloud,
     Sidecar,
     belongs_to_odm,
     find_cloud,
@@ -29,6 +30,8 @@ from .types import Chunk, CloudInfo, CrsPart, Faces, Notice, Options, Window
 
 __all__ = ["Source", "is_address", "open_source"]
 
+Aliases = Sequence[Tuple[str, str]]
+"""Names of temporary folders, and what users know them by."""
 Progress = Callable[[str, float], None]
 
 _URL = re.compile(r"^https?:/", re.IGNORECASE)
@@ -94,14 +97,19 @@ def open_source(
     """
     if not sources:
         raise CloudError("no source is given; expected a point cloud, a folder or an all.zip")
+    # What follows ? in an address may hold a token, and says nothing of the task.
+    names = [re.split("[?#]", str(s))[0] if is_address(s) else str(s) for s in sources]
     with ExitStack() as stack:
-        located: List[_Located] = []
-        for given in map(str, sources):
+        located: List[LocatedCloud] = []
+        for given in names:
             if is_address(given):
-                task = _task(given, access, cameras, windowed, progress or _ignore)
+                from .sfm.servers.webodm_cloud import task_cloud  # only where a server is asked
+
+                who = Access.from_environment() if access is None else access
+                task = task_cloud(given, who, cameras, windowed, progress)
                 located.append(stack.enter_context(task))
             else:
-                located.append(stack.enter_context(_local(given, cameras)))
+                located.append(_local(given, cameras, stack))
         aliases = tuple(item.alias for item in located if item.alias)
         paths = tuple(path for item in located for path in item.paths)
         with _renaming(aliases):
@@ -112,34 +120,13 @@ def open_source(
             )
         yield Source(
             cloud=_Presented(cloud, _info(cloud.info, located, aliases, options), aliases),
-            label=" ".join(item.given for item in located),
-            stem=_common_stem(located) or "cloud",
+            label=" ".join(names),
+            stem=_common_stem(names, located[0]) or "cloud",
             is_odm=any(item.is_odm for item in located),
-            inputs=tuple(entry for item in located for entry in item.inputs),
+            inputs=tuple(entry for item in located for entry in item.inputs or ()),
             project=project_of(paths[0]) if len(located) == 1 else None,
             files=paths,
         )
-
-
-Aliases = Sequence[Tuple[str, str]]
-
-
-@dataclass(frozen=True)
-class _Located:
-    """One source found: its files, and what is known of them beyond their contents.
-
-    `alias` is a temporary name, and what users know it by.
-    """
-
-    given: str
-    paths: Tuple[Path, ...]
-    is_odm: bool
-    inputs: Tuple[Mapping[str, Any], ...]
-    sidecar: Optional[Sidecar] = None
-    warnings: Sequence[Notice] = ()
-    alias: Optional[Tuple[str, str]] = None
-    fetch: Optional[Fetch] = None
-    stem: Optional[str] = None
 
 
 def is_address(given: Union[str, Path]) -> bool:
@@ -147,12 +134,7 @@ def is_address(given: Union[str, Path]) -> bool:
     return bool(_URL.match(str(given)))
 
 
-def _ignore(stage: str, share: float) -> None:
-    """Tell nobody of progress."""
-
-
-@contextmanager
-def _local(given: str, cameras: bool) -> Iterator[_Located]:
+def _local(given: str, cameras: bool, stack: ExitStack) -> LocatedCloud:
     path = Path(given)
     with naming(path, "check the path"):
         if not path.exists():
@@ -162,42 +144,11 @@ def _local(given: str, cameras: bool) -> Iterator[_Located]:
             raise CloudError(f"{path}: is not a file; check the path")
     if is_folder:
         found = find_cloud(path)
-        inputs = tuple(_input(str(file), file) for file in found.paths)
-        sidecar = None if found.warnings else read_sidecar(found.paths[0])
-        yield _Located(given, found.paths, found.is_odm, inputs, sidecar, found.warnings)
-    elif path.suffix.lower() == ".zip":
-        inputs = (_input(given, path),)
-        with unpacked(path, cameras=cameras) as file:
-            is_odm = file.parent.name.startswith("odm_")
-            alias = (str(file.parent.parent if is_odm else file.parent), given)
-            yield _Located(given, (file,), is_odm, inputs, read_sidecar(file), alias=alias)
-    else:
-        inputs = (_input(given, path),)
-        yield _Located(given, (path,), belongs_to_odm(path), inputs, read_sidecar(path))
-
-
-@contextmanager
-def _task(
-    given: str, access: Optional[Access], cameras: bool, windowed: bool, progress: Progress
-) -> Iterator[_Located]:
-    from .sfm.servers.webodm_cloud import task_cloud  # only where a server is asked
-
-    access = Access.from_environment() if access is None else access
-    with task_cloud(given, access, cameras=cameras, windowed=windowed, progress=progress) as found:
-        sidecar = read_sidecar(found.path)
-        if sidecar is None and found.crs:
-            sidecar = Sidecar(found.crs, "the task's EPSG code")
-        yield _Located(
-            found.given,
-            (found.path,),
-            True,
-            (found.entry,),
-            sidecar,
-            found.warnings,
-            alias=(str(found.folder), found.given.rstrip("/")),
-            fetch=found.fetch,
-            stem=found.stem,
-        )
+        return replace(found, inputs=[_input(str(file), file) for file in found.paths])
+    entry = _input(given, path)
+    if path.suffix.lower() == ".zip":
+        return replace(stack.enter_context(unpacked(path, cameras=cameras)), inputs=[entry])
+    return LocatedCloud((path,), belongs_to_odm(path), read_sidecar(path), inputs=[entry])
 
 
 def _input(given: str, path: Path) -> Mapping[str, Any]:
@@ -210,7 +161,7 @@ def _input(given: str, path: Path) -> Mapping[str, Any]:
 
 
 def _info(
-    info: CloudInfo, located: Sequence[_Located], aliases: Aliases, options: Optional[Options]
+    info: CloudInfo, located: Sequence[LocatedCloud], aliases: Aliases, options: Optional[Options]
 ) -> CloudInfo:
     """Add what the user and the surroundings of the files say beyond the files themselves."""
     warnings = [_rename(text, aliases) for text in info.warnings]
@@ -317,12 +268,11 @@ def _rename(text: str, aliases: Aliases) -> str:
     return Notice(text.code, renamed, **values)
 
 
-def _common_stem(located: Sequence[_Located]) -> str:
-    first = located[0]
-    parents = {real_path(item.given).parent for item in located}
-    if len(located) > 1 and len(parents) == 1:
+def _common_stem(names: Sequence[str], first: LocatedCloud) -> str:
+    parents = {real_path(name).parent for name in names}
+    if len(names) > 1 and len(parents) == 1:
         return parents.pop().name
-    return (first.stem if len(located) == 1 else None) or _stem(Path(first.given))
+    return (first.stem if len(names) == 1 else None) or _stem(Path(names[0]))
 
 
 def _stem(path: Path) -> str:

@@ -27,10 +27,10 @@ from .job import (
     JobEvent,
     Report,
     SentFile,
+    connect,
     silent,
 )
 from .journal import locked, resuming, save
-from .servers import connect
 from .trust import keep_record
 
 __all__ = ["JobPlan", "create_job", "plan_job", "require_free"]

@@ -28,10 +28,11 @@ from .job import (
     Job,
     JobEvent,
     Report,
+    TaskServer,
+    connect,
     silent,
 )
 from .journal import load, locked, resuming, save
-from .servers import TaskServer, connect
 from .trust import Confirmed, Trust, trusted_with
 from .upload import StartAgainError, commit, require_sendable, send_all
 from .waiting import AGAIN, MiscountedError, fetch, wait_for

@@ -20,9 +20,8 @@ from typing import Deque, Dict, Iterable, List
 from ..errors import JobError, OutputError, QuantifyError, ServerError
 from ..sfm.servers.errors import OutageError, RefusedError, TaskLostError
 from ..sfm.servers.patience import Patience, in_parallel
-from .job import SEED, Job, JobEvent, Report, SentFile
+from .job import SEED, Job, JobEvent, Report, SentFile, TaskServer
 from .journal import SentLog
-from .servers import TaskServer
 from .trust import Trust
 
 __all__ = ["StartAgainError", "commit", "require_sendable", "send_all"]

@@ -22,7 +22,16 @@ from ...cloud.base import naming
 from ...errors import CloudError
 from ...files.writing import scratch
 from ..redaction import plain
-from .layout import CAMERA_BYTES, CAMERA_FILES, GEOREFERENCING, MODELS, SIDECAR_BYTES, SIDECARS
+from .layout import (
+    CAMERA_BYTES,
+    CAMERA_FILES,
+    GEOREFERENCING,
+    MODELS,
+    SIDECAR_BYTES,
+    SIDECARS,
+    LocatedCloud,
+    read_sidecar,
+)
 
 __all__ = ["unpacked", "zip_fault"]
 
@@ -81,8 +90,8 @@ def zip_fault(path: Path) -> Optional[str]:
 
 
 @contextmanager
-def unpacked(path: Path, *, cameras: bool = False) -> Iterator[Path]:
-    """Unpack the point cloud of an archive; its path is valid within the ``with`` block.
+def unpacked(path: Path, *, cameras: bool = False) -> Iterator[LocatedCloud]:
+    """Unpack the point cloud of an archive, which is there within the ``with`` block.
 
     With `cameras` the files that tell where the photographs were taken come out beside it.
 
@@ -106,7 +115,9 @@ def unpacked(path: Path, *, cameras: bool = False) -> Iterator[Path]:
                 if place in CAMERA_FILES:
                     _require_sound(path, member, folder)
                 _write(path, archive, member, folder / place, most)
-        yield target
+        is_odm = target.parent.name.startswith("odm_")
+        alias = (str(folder if is_odm else target.parent), str(path))
+        yield LocatedCloud((target,), is_odm, read_sidecar(target), alias=alias)
 
 
 @contextmanager

@@ -7,8 +7,9 @@ import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import List, Optional, Tuple
+from typing import Any, List, Mapping, Optional, Sequence, Tuple
 
+from ...cloud import Fetch
 from ...cloud.base import naming
 from ...errors import CloudError
 from ...files.reading import real_path
@@ -51,15 +52,6 @@ _FAR = 200_000.0  # metres: no survey reaches that far from ODM's offset
 
 
 @dataclass(frozen=True)
-class CloudFiles:
-    """The files of a cloud within a folder."""
-
-    paths: Tuple[Path, ...]
-    is_odm: bool
-    warnings: Tuple[Notice, ...] = ()
-
-
-@dataclass(frozen=True)
 class Sidecar:
     """A CRS found beside a cloud, and ODM's offset (easting, northing) where it is given."""
 
@@ -75,7 +67,33 @@ class Sidecar:
         return math.dist(middle, self.offset) <= _FAR
 
 
-def find_cloud(folder: Path) -> CloudFiles:
+@dataclass(frozen=True)
+class LocatedCloud:
+    """The files of a cloud, and what is known of it beyond their contents.
+
+    Attributes
+    ----------
+    paths : where the files are, for now.
+    is_odm : whether OpenDroneMap made it.
+    sidecar : the CRS found beside it.
+    warnings : what is odd about it.
+    inputs : what it was made of, as in ``Source.inputs``; None for the files themselves.
+    alias : a temporary folder, and what users know it by.
+    fetch : brings the other files of an EPT set.
+    stem : a name for the result, where the files do not tell it.
+    """
+
+    paths: Tuple[Path, ...]
+    is_odm: bool
+    sidecar: Optional[Sidecar] = None
+    warnings: Sequence[Notice] = ()
+    inputs: Optional[Sequence[Mapping[str, Any]]] = None
+    alias: Optional[Tuple[str, str]] = None
+    fetch: Optional[Fetch] = None
+    stem: Optional[str] = None
+
+
+def find_cloud(folder: Path) -> LocatedCloud:
     """Find the cloud in a folder: an ODM project or a part of it, an EPT set, or tiles.
 
     Raises
@@ -98,14 +116,14 @@ def find_cloud(folder: Path) -> CloudFiles:
     return found
 
 
-def _in_project(root: Path) -> Optional[CloudFiles]:
+def _in_project(root: Path) -> Optional[LocatedCloud]:
     for name in MODELS:
         for path in (root / GEOREFERENCING / name, root / name):
             if path.is_file():
-                return CloudFiles((path,), True)
+                return LocatedCloud((path,), True, read_sidecar(path))
     entwine, filtered = (root / name for name in _FALLBACKS)
     if entwine.is_file():
-        return CloudFiles((entwine,), True)
+        return LocatedCloud((entwine,), True, read_sidecar(entwine))
     if filtered.is_file():
         note = Notice(
             "cloud-before-georeferencing",
@@ -113,11 +131,11 @@ def _in_project(root: Path) -> Optional[CloudFiles]:
             "used; its coordinates are local and belong to no CRS",
             file=str(filtered),
         )
-        return CloudFiles((filtered,), True, (note,))
+        return LocatedCloud((filtered,), True, warnings=(note,))
     return None
 
 
-def _below(folder: Path) -> Optional[CloudFiles]:
+def _below(folder: Path) -> Optional[LocatedCloud]:
     """The one project in the folders below (an unpacked all.zip within a task's folder, say)."""
     level = [folder]
     for _ in range(_DEPTH):
@@ -133,12 +151,11 @@ def _below(folder: Path) -> Optional[CloudFiles]:
     return None
 
 
-def _as_tiles(folder: Path) -> Optional[CloudFiles]:
+def _as_tiles(folder: Path) -> Optional[LocatedCloud]:
     ept = folder / "ept.json"
-    if ept.is_file():
-        return CloudFiles((ept,), False)
-    tiles = sorted(path for path in folder.iterdir() if path.suffix.lower() in _TILES)
-    return CloudFiles(tuple(tiles), False) if tiles else None
+    files = [ept] if ept.is_file() else sorted(folder.iterdir())
+    tiles = tuple(path for path in files if path == ept or path.suffix.lower() in _TILES)
+    return LocatedCloud(tiles, False, read_sidecar(tiles[0])) if tiles else None
 
 
 def belongs_to_odm(path: Path) -> bool:

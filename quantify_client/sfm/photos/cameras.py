@@ -213,7 +213,7 @@ def _sized(name: str, camera: Camera, properties: Mapping[str, Any]) -> Camera:
 
 
 def _size(properties: Mapping[str, Any]) -> Optional[Tuple[int, int]]:
-    """Return width and height; None unless both are whole numbers of pixels (ODM writes 0 for unknown)."""
+    """Return width and height; None unless both are whole numbers of pixels (0: unknown)."""
     found = numbers([properties.get("width"), properties.get("height")], 2)
     if found is None or not all(1 <= side <= _MAX_PIXELS and side.is_integer() for side in found):
         return None

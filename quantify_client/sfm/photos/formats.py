@@ -1,9 +1,10 @@
 """What kind of picture a file is, whether it is whole, and what its header says, by structure.
 
 Nothing is decoded and nothing is mapped into memory: a picture may be of any size, unpack to
-anything, and be cut while it is looked at. Offsets and lengths in the directories (IFDs) of a TIFF,
-or of the EXIF block in another picture, are anybody's: a directory may lie in itself, and a thousand
-entries may each claim all of the file. What is read is bounded by what an honest file can hold.
+anything, and be cut while it is looked at. The offsets and lengths in the directories (IFDs) of a
+TIFF, or of the EXIF block in another picture, cannot be trusted: a directory may lie in itself, and
+a thousand entries may each claim all of the file. So what is read is bounded by what an honest file
+can hold.
 """
 
 from __future__ import annotations

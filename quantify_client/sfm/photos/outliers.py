@@ -112,7 +112,7 @@ def _chi2(fit: Optional[Intersection], sigma: float) -> float:
 
 
 def typical(fits: Sequence[Optional[Intersection]], sigma: float) -> float:
-    """Return the median point's chi-square per degree of freedom; one bad point does not move it."""
+    """Return the median of the points' chi-square per degree of freedom, which is robust."""
     ratios = sorted(
         _chi2(fit, sigma) / float(chi2.median(fit.degrees_of_freedom))
         for fit in fits
@@ -127,7 +127,7 @@ def is_misfit(fit: Intersection, sigma: float, spread: float) -> bool:
 
 
 def pooled(fits: Mapping[str, Intersection], sigma: float) -> float:
-    """Return chi-square per degree of freedom of all points but those that miss by more than chance.
+    """Return chi-square per degree of freedom of all points that miss by no more than chance.
 
     Never below 1. A single point has one to a few degrees of freedom, whose chi-square alone says
     little; together they say how good the picks and the cameras really are.

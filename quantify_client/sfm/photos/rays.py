@@ -73,7 +73,7 @@ class Rays:
         return math.degrees(math.asin(min(float(across.max()), 1.0)))
 
     def misses(self, points: FloatArray) -> FloatArray:
-        """Return picked - projected in pixels, (n, m, 2), for points (m, 3) relative to the origin."""
+        """Return picked - projected, (n, m, 2) pixels, of points (m, 3) relative to the origin."""
         groups: Dict[int, List[int]] = {}  # by camera, each of which projects all at once
         for index, shot in enumerate(self.shots):
             groups.setdefault(id(shot.camera), []).append(index)
@@ -260,7 +260,7 @@ def _require_in_front(rays: Rays, used: npt.NDArray[np.bool_], xyz: FloatArray) 
 def _linearised(
     rays: Rays, used: npt.NDArray[np.bool_], xyz: FloatArray, distance: float
 ) -> Tuple[FloatArray, FloatArray]:
-    """Return misses (2 n) of the rays used, and the derivative (2 n, 3) of the pixels by the point."""
+    """Return misses (2 n) of the rays used, and their derivative (2 n, 3) by the point."""
     nudge = _NUDGE * distance * np.eye(3)
     missed = rays.misses(np.vstack([xyz, xyz + nudge, xyz - nudge]))[used]
     # A picked pixel is one constant in both: the difference of the misses is the lens's alone.

@@ -22,7 +22,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence
@@ -178,9 +178,9 @@ class NodeClient:
         RefusedError
             Anything else that the node says; what has arrived is unknown.
         """
-        body = UploadBody(path, name, sent=sent, stopped=stopped)
         confirmed = f"that {plain(name, 80)} has arrived"
-        self._require_success(f"/task/new/upload/{uuid}", confirmed, upload=body)
+        with closing(UploadBody(path, name, sent=sent, stopped=stopped)) as body:
+            self._require_success(f"/task/new/upload/{uuid}", confirmed, upload=body)
 
     def commit(self, uuid: str) -> None:
         """End the upload: the node makes a task of it."""

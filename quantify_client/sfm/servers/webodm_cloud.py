@@ -11,13 +11,11 @@ import tempfile
 import threading
 from collections import deque
 from contextlib import contextmanager
-from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Sequence, Set
 from urllib.parse import quote
 
-from ...cloud import Fetch
 from ...errors import CloudError, OutputError, ServerError
 from ...files.writing import scratch
 from ...types import Notice
@@ -31,6 +29,9 @@ from ..odm.layout import (
     SHOTS,
     SIDECAR_BYTES,
     SIDECARS,
+    LocatedCloud,
+    Sidecar,
+    read_sidecar,
 )
 from ..redaction import plain
 from .access import PASSWORD, USER, Access
@@ -38,7 +39,7 @@ from .errors import StatusError, StoppedError
 from .patience import Patience, in_parallel
 from .webodm import TaskAddress, WebODM, task_address
 
-__all__ = ["TaskCloud", "task_cloud"]
+__all__ = ["task_cloud"]
 
 Progress = Callable[[str, float], None]
 
@@ -64,34 +65,10 @@ _TIME = re.compile(r"^\d{4}-\d\d-\d\dT[\d:.]{8,20}(?:Z|[+-]\d\d:?\d\d)$", re.ASC
 _STATES = {10: "queued", 20: "running", 30: "failed", 40: "completed", 50: "cancelled"}
 
 
-@dataclass(frozen=True)
-class TaskCloud:
-    """A task's cloud.
-
-    Attributes
-    ----------
-    given : the task's address.
-    folder : the temporary folder; `path` is the cloud's file in it.
-    stem : the task's name.
-    entry : as in ``Source.inputs``.
-    crs : what the server takes for the cloud's CRS.
-    fetch : brings the other files of an EPT set.
-    """
-
-    given: str
-    folder: Path
-    path: Path
-    stem: str
-    entry: Mapping[str, Any]
-    crs: Optional[str]
-    warnings: Sequence[Notice]
-    fetch: Optional[Fetch]
-
-
 @contextmanager
 def task_cloud(
-    url: str, access: Access, *, cameras: bool, windowed: bool, progress: Progress
-) -> Iterator[TaskCloud]:
+    url: str, access: Access, cameras: bool, windowed: bool, progress: Optional[Progress]
+) -> Iterator[LocatedCloud]:
     """Fetch what will be needed of a task; see `open_source` for what decides that.
 
     Raises
@@ -115,15 +92,19 @@ def task_cloud(
             created = task.get("created_at")  # the server does not tell when its files were made
             if not (isinstance(created, str) and _TIME.match(created)):
                 created = datetime.now(timezone.utc).isoformat()
-            yield TaskCloud(
-                given=address.given,
-                folder=folder,
-                path=path,
-                stem=plain(task.get("name") or "", 80) or address.task,
-                entry={"path": address.given, "size": path.stat().st_size, "mtime": created},
-                crs=f"EPSG:{task['epsg']}" if isinstance(task.get("epsg"), int) else None,
-                warnings=_warnings(address.given, task),
+            sidecar = read_sidecar(path)
+            if sidecar is None and isinstance(task.get("epsg"), int):
+                sidecar = Sidecar(f"EPSG:{task['epsg']}", "the task's EPSG code")
+            size = path.stat().st_size
+            yield LocatedCloud(
+                (path,),
+                True,
+                sidecar,
+                _warnings(address.given, task),
+                [{"path": address.given, "size": size, "mtime": created}],
+                alias=(str(folder), address.given.rstrip("/")),
                 fetch=files.tiles if path.name == "ept.json" else None,
+                stem=plain(task.get("name") or "", 80) or address.task,
             )
         finally:
             files.stopped.set()  # what is under way ends; nothing more is written then
@@ -169,7 +150,7 @@ class _TaskFiles:
     """Brings files of a task into their places, several at a time."""
 
     def __init__(
-        self, server: WebODM, address: TaskAddress, folder: Path, progress: Progress
+        self, server: WebODM, address: TaskAddress, folder: Path, progress: Optional[Progress]
     ) -> None:
         self._server, self._address, self._folder = server, address, folder
         self.given, self._progress = address.given, progress
@@ -241,7 +222,8 @@ class _TaskFiles:
                 self._bring_one(name, most, shares)
 
         def tell() -> None:
-            self._progress(stage, min(sum(list(shares.values())) / total, 1.0))
+            if self._progress is not None:
+                self._progress(stage, min(sum(list(shares.values())) / total, 1.0))
 
         if total:
             in_parallel(min(PARALLEL, total), work, failures, self.stopped, tell)

@@ -15,7 +15,7 @@ What differs, and what is made of it:
 from __future__ import annotations
 
 import math
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any, Callable, Iterator, List, Mapping, Optional, Sequence
 
@@ -145,8 +145,8 @@ class WebODMTasks:
     ) -> None:
         """Send one file, in the place of any other of its name."""
         texts = {"name": " ".join(self._task_name.split())}
-        body = UploadBody(path, name, texts=texts, sent=sent, stopped=stopped)
-        answer = self._of_task(uuid, "POST", "upload/", upload=body)
+        with closing(UploadBody(path, name, texts=texts, sent=sent, stopped=stopped)) as body:
+            answer = self._of_task(uuid, "POST", "upload/", upload=body)
         arrived = json_object(answer, self.name).get("uploaded")
         if isinstance(arrived, dict) and arrived and name not in arrived:
             other = plain(", ".join(map(str, arrived)), 80)
