@@ -147,24 +147,26 @@ def _doubts(
     shots_path: Path, cameras_path: Path, odd_focal: int, repeated: Sequence[float]
 ) -> Iterator[Notice]:
     if odd_focal:
-        text = (
+        yield Notice(
+            "photographs-of-another-focal-length",
             f"{shots_path}: {odd_focal} photographs were solved with another focal length than "
-            f"{cameras_path.name} has (--split, or files of two outputs): picks in them may be off"
+            f"{cameras_path.name} has (--split, or files of two outputs): picks in them may be off",
+            photographs=odd_focal,
         )
-        yield Notice("photographs-of-another-focal-length", text, photographs=odd_focal)
     if repeated:
-        text = (
+        yield Notice(
+            "photographs-listed-twice",
             f"{shots_path}: lists {len(repeated)} photographs again, up to {max(repeated):.3g} m "
-            "away (--split); the first position of each is used"
+            "away (--split); the first position of each is used",
+            photographs=len(repeated),
+            distance_m=max(repeated),
         )
-        values = {"photographs": len(repeated), "distance_m": max(repeated)}
-        yield Notice("photographs-listed-twice", text, **values)
     if (shots_path.parent.parent / _ALIGNED).is_file():
-        text = (
+        yield Notice(
+            "photographs-turned-by-align",
             f"{shots_path}: this output was aligned to another (--align), for which ODM does not "
-            "turn the photographs correctly; trust picks only if they meet, or process without it"
+            "turn the photographs correctly; trust picks only if they meet, or process without it",
         )
-        yield Notice("photographs-turned-by-align", text)
 
 
 def _differs(camera: Camera, focal: Any) -> bool:

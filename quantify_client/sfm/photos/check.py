@@ -200,40 +200,56 @@ def _refuse_namesakes(photos: Sequence[Photo]) -> None:
 def _notes(photos: Sequence[Photo]) -> Iterator[Notice]:
     missing = sum(not photo.has_gps for photo in photos)
     if missing == len(photos):
-        text = "No photograph has a GPS position: without control the result has no true size."
-        yield Notice("photographs-without-gps", text, photographs=missing)
+        yield Notice(
+            "photographs-without-gps",
+            "No photograph has a GPS position: without control the result has no true size.",
+            photographs=missing,
+        )
     elif missing:
-        text = f"{missing} of {len(photos)} photographs have no GPS position."
-        yield Notice("photographs-without-gps", text, photographs=missing)
+        yield Notice(
+            "photographs-without-gps",
+            f"{missing} of {len(photos)} photographs have no GPS position.",
+            photographs=missing,
+        )
     cameras = sorted({photo.camera for photo in photos})
     if len(cameras) > 1:
-        text = f"The photographs are from {len(cameras)} cameras: {', '.join(cameras)}."
-        yield Notice("photographs-of-several-cameras", text, cameras=cameras)
+        yield Notice(
+            "photographs-of-several-cameras",
+            f"The photographs are from {len(cameras)} cameras: {', '.join(cameras)}.",
+            cameras=cameras,
+        )
 
 
 def _left_out(ignored: Sequence[Path]) -> Iterator[Notice]:
     """Say what in the folders looks as if it was meant, and is not sent."""
     texts = [path for path in ignored if path.suffix.lower() == ".txt"]
     if texts:
-        text = f"Not sent, because a node takes any text file for GCPs: {_names(texts)}."
-        yield Notice("text-files-not-sent", text, files=len(texts))
+        yield Notice(
+            "text-files-not-sent",
+            f"Not sent, because a node takes any text file for GCPs: {_names(texts)}.",
+            files=len(texts),
+        )
     for other in dict.fromkeys(_OTHERS.values()):
         found = [path for path in ignored if _OTHERS.get(path.suffix.lower()) == other]
         if found:
-            text = (
+            yield Notice(
+                "photographs-to-be-converted",
                 f"Not sent, because they are {other}: {len(found)} files ({_names(found)}); "
-                "convert them to JPEG, with their EXIF."
+                "convert them to JPEG, with their EXIF.",
+                files=len(found),
+                format=other,
             )
-            yield Notice("photographs-to-be-converted", text, files=len(found), format=other)
     inside = {folder: _photographs_in(folder) for folder in ignored if folder.is_dir()}
     inside = {folder: count for folder, count in inside.items() if count}
     if inside:
         count = sum(inside.values())
-        text = (
+        yield Notice(
+            "folders-not-searched",
             f"Not sent: {count} photographs in {len(inside)} folders within the one given "
-            f"({_names(list(inside))}); give these folders, too, if they belong to it."
+            f"({_names(list(inside))}); give these folders, too, if they belong to it.",
+            photographs=count,
+            folders=len(inside),
         )
-        yield Notice("folders-not-searched", text, photographs=count, folders=len(inside))
 
 
 def _names(paths: Sequence[Path]) -> str:

@@ -2,8 +2,8 @@
 
 The position is where the lines of sight meet with the least squares of pixels; its covariance is
 (J^T J)^-1 sigma^2. The cameras' own errors are not in it: they show in how badly the lines of
-sight meet, so sigma is what the misses of all points together say where that is more than what
-was promised, and a point that misses by more than chance is given its own misses. It is never less
+sight meet, so sigma is what the residuals of all points together show where that is more than what
+was promised, and a point whose residuals are more than chance is given its own. It is never less
 than what was promised.
 """
 
@@ -168,7 +168,7 @@ def _sighting(
         warnings=(
             *rays.warnings,
             *_left_out(rays, fit, lengths),
-            *_misses(rays, choice, rms, promised, misfit or own > _FAR_OFF**2),
+            *_disagreement(rays, choice, rms, promised, misfit or own > _FAR_OFF**2),
             *_narrowness(rays, fit, covariance),
         ),
     )
@@ -179,48 +179,54 @@ def _left_out(rays: Rays, fit: Intersection, lengths: FloatArray) -> Iterator[No
         where = "does not look to where the others meet"
         if np.isfinite(lengths[index]):
             where = f"is {lengths[index]:.1f} px from where the others meet"
-        text = (
-            f"point {shown(rays.name)}: its pick in {rays.image(index)} {where} and is left out; "
-            "check it"
-        )
         yield Notice(
             "pick-left-out",
-            text,
+            f"point {shown(rays.name)}: its pick in {rays.image(index)} {where} and is left out; "
+            "check it",
             point=rays.name,
             image=rays.shots[index].image,
             residual_px=float(lengths[index]),
         )
 
 
-def _misses(
+def _disagreement(
     rays: Rays, choice: Choice, rms: float, promised: float, is_notable: bool
 ) -> Iterator[Notice]:
     point = f"point {shown(rays.name)}"
     if choice.doubt is not None:
         one, other = (rays.image(index) for index in choice.doubt)
-        text = (
-            f"{point}: its picks do not meet, they miss by {rms:.1f} px (RMS), and whether the one "
-            f"in {one} or in {other} is wrong cannot be told; none is left out: check both, or "
-            "pick it in another photograph"
+        yield Notice(
+            "pick-undecided",
+            f"{point}: its picks disagree by {rms:.1f} px (RMS), and either the one in {one} or "
+            f"the one in {other} is wrong; none is left out: check both, or pick it in another "
+            "photograph",
+            point=rays.name,
+            images=[one, other],
+            rms_px=rms,
         )
-        yield Notice("pick-undecided", text, point=rays.name, images=[one, other], rms_px=rms)
     elif is_notable:
         images = [rays.image(index) for index in range(min(len(rays), 4))]
-        text = (
-            f"{point}: its picks ({', '.join(images)}) do not meet, they miss by {rms:.1f} px "
-            f"(RMS) where {promised:g} px per axis are expected; its accuracy is widened for that: "
-            "check them"
+        yield Notice(
+            "picks-disagree",
+            f"{point}: its picks ({', '.join(images)}) disagree by {rms:.1f} px (RMS) where "
+            f"{promised:g} px per axis are expected, so its standard deviation is enlarged: check "
+            "them",
+            point=rays.name,
+            images=images,
+            rms_px=rms,
         )
-        yield Notice("picks-do-not-meet", text, point=rays.name, images=images, rms_px=rms)
 
 
 def _narrowness(rays: Rays, fit: Intersection, covariance: FloatArray) -> Iterator[Notice]:
     angle = rays.widest_angle(fit.used)
     if angle < _NARROW:
         along = math.sqrt(float(np.linalg.eigvalsh(covariance)[-1]))
-        text = (
+        yield Notice(
+            "rays-nearly-parallel",
             f"point {shown(rays.name)}: its lines of sight meet at {angle:.2g} degrees only, so it "
             f"is uncertain by {along:.2g} (one sigma) along them; pick it in photographs taken "
-            "further apart"
+            "further apart",
+            point=rays.name,
+            angle_deg=angle,
+            std=along,
         )
-        yield Notice("rays-nearly-parallel", text, point=rays.name, angle_deg=angle, std=along)
