@@ -276,7 +276,7 @@ def _common_stem(names: Sequence[str], first: LocatedCloud) -> str:
 
 
 def _stem(path: Path) -> str:
-    """The project's name for ODM's own file and folder names, else the file's."""
+    """Return the project's name for ODM's own file and folder names, else the file's."""
     real = real_path(path)
     if real.is_dir():
         return real.parent.name if real.name in _INNER else real.name

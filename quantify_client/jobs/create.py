@@ -58,7 +58,7 @@ class JobPlan:
     label: str = "Node"
 
     def lines(self, control: Optional[str] = None) -> List[str]:
-        """Summarise the job for people; `control` tells what becomes of theirs."""
+        """Return a summary of the job, line by line; `control` tells what becomes of the user's."""
         photos = self.photos
         shown = " ".join(
             f"{name}={str(value).lower() if isinstance(value, bool) else value}"
@@ -216,7 +216,7 @@ def _kept_control(gcp: Path, folder: Path) -> SentFile:
 
 
 def _require_control(gcp: Path, photos: PhotoSummary) -> None:
-    """Whether the file can be read and names at least one of the photographs."""
+    """Raise InputError unless the file can be read and names at least one of the photographs."""
     try:
         lines = gcp.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:

@@ -67,7 +67,7 @@ class Trust:
     insecure: bool = False
 
     def refusal(self, file: SentFile) -> Optional[str]:
-        """Say why a file may not be sent; None when it may."""
+        """Return why a file may not be sent; None when it may."""
         path = Path(file.path)
         if file.name == GCP_NAME:
             return None  # our copy in the job's folder, in which no name of ours is a link

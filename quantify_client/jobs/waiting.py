@@ -81,7 +81,7 @@ def _shown(state: TaskState, stage: str) -> str:
 def _failed(
     node: TaskServer, job: Job, state: TaskState, patience: Patience, report: Report
 ) -> JobError:
-    """Say why: the node's own reason, and the end of what the engine said."""
+    """Return the error: the node's own reason, and the last lines of the engine's output."""
     lines = _output(node, job, patience)
     for line in lines:
         report(JobEvent("message", text=f"  {line}"))

@@ -68,7 +68,7 @@ class _Bounded(io.FileIO):
 
 
 def zip_fault(path: Path) -> Optional[str]:
-    """Say what is wrong with a zip, reading all of it; None when it is sound and not empty."""
+    """Return what is wrong with a zip, reading all of it; None when it is sound and not empty."""
     try:
         with _Bounded(str(path)) as file, zipfile.ZipFile(file) as archive:
             members = archive.infolist()
@@ -163,7 +163,7 @@ def _refuse_unsafe(path: Path, member: zipfile.ZipInfo) -> None:
 
 
 def _choose(path: Path, members: Sequence[zipfile.ZipInfo]) -> zipfile.ZipInfo:
-    """The georeferenced model; else the one cloud there is."""
+    """Return the georeferenced model; else the one cloud there is."""
     files = [member for member in members if not member.is_dir() and _parts(member)]
     inside = [m for m in files if GEOREFERENCING in m.filename and len(_parts(m)) <= _MAX_DEPTH + 2]
     for name in MODELS:
@@ -226,7 +226,7 @@ def _require_sound(path: Path, member: zipfile.ZipInfo, folder: Path) -> None:
 def _beside(
     members: Sequence[zipfile.ZipInfo], chosen: Sequence[str], cameras: bool
 ) -> Iterator[Tuple[str, zipfile.ZipInfo, int]]:
-    """Give what tells of the model's CRS and its photographs: place in the project, member, limit.
+    """Yield what tells of the CRS and the photographs: place in the project, member, most bytes.
 
     What is too large is ignored, and so are small files that are encrypted or packed oddly.
     """

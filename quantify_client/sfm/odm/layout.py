@@ -94,7 +94,7 @@ class LocatedCloud:
 
 
 def find_cloud(folder: Path) -> LocatedCloud:
-    """Find the cloud in a folder: an ODM project or a part of it, an EPT set, or tiles.
+    """Return the cloud in a folder: an ODM project or a part of it, an EPT set, or tiles.
 
     Raises
     ------
@@ -136,7 +136,7 @@ def _in_project(root: Path) -> Optional[LocatedCloud]:
 
 
 def _below(folder: Path) -> Optional[LocatedCloud]:
-    """The one project in the folders below (an unpacked all.zip within a task's folder, say)."""
+    """Return the one project in the folders below, such as an unpacked all.zip."""
     level = [folder]
     for _ in range(_DEPTH):
         level = sorted(path for parent in level for path in parent.iterdir() if path.is_dir())
@@ -179,7 +179,7 @@ def project_of(path: Path) -> Optional[Path]:
 
 
 def read_sidecar(cloud: Path) -> Optional[Sidecar]:
-    """Find the CRS in the files that ODM writes beside its model, or GIS programs beside any cloud.
+    """Return the CRS in the files that ODM writes beside its model, or GIS programs beside a cloud.
 
     The model is already in full coordinates: the offset in coords.txt is not to be added, it only
     tells whether the CRS can be that of the cloud.

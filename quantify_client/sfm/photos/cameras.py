@@ -77,7 +77,7 @@ class Shots:
     warnings: Sequence[Notice] = ()
 
     def find(self, image: str) -> Optional[Shot]:
-        """Find the photograph of a name: exactly, else without folder and in any case.
+        """Return the photograph of a name: the exact one, else one that differs in folder or case.
 
         Raises
         ------
@@ -109,7 +109,7 @@ def _base(image: str) -> str:
 
 
 def read_shots(shots_path: Path, cameras_path: Path) -> Shots:
-    """Read the poses of a project's photographs, and its cameras.
+    """Return the poses of a project's photographs, with their cameras.
 
     Parameters
     ----------

@@ -81,7 +81,7 @@ class PhotoSummary:
 
     @property
     def words(self) -> str:
-        """Say in one line how many there are, how large, and from which cameras."""
+        """One line: how many there are, how large, and from which cameras."""
         cameras = ", ".join(f"{name} ({count})" for name, count in self.cameras.items())
         size = f"{len(self.photos)}, {self.size / 1e6:.1f} MB"
         return f"{size}, {self.with_gps} with GPS, from {cameras}"
@@ -93,7 +93,7 @@ class PhotoSummary:
 
 
 def check_photos(paths: Iterable[Union[str, Path]], *, allow_faulty: bool = False) -> PhotoSummary:
-    """Look at every photograph; folders stand for the photographs directly in them.
+    """Return what the photographs' headers say; a folder stands for those directly in it.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def check_photos(paths: Iterable[Union[str, Path]], *, allow_faulty: bool = Fals
 
 
 def _expanded(paths: Sequence[Path]) -> Tuple[List[Path], List[Path]]:
-    """Files to look at, each once, and what in folders is no photograph."""
+    """Return the files to look at, each once, and what in folders is no photograph."""
     files: Dict[Path, Path] = {}
     ignored: List[Path] = []
     for path in paths:
@@ -148,7 +148,7 @@ def _expanded(paths: Sequence[Path]) -> Tuple[List[Path], List[Path]]:
 
 
 def _look(path: Path) -> Union[Photo, str]:
-    """Give a photograph, or what is wrong with it."""
+    """Return a photograph, or what is wrong with it."""
     try:
         if not path.is_file():
             return "is not a file" if path.exists() else "does not exist"
@@ -186,7 +186,7 @@ def _told(faults: Mapping[Path, str], count: int) -> str:
 
 
 def _refuse_namesakes(photos: Sequence[Photo]) -> None:
-    """Nodes rename the second file of a name, and some file systems know no capitals."""
+    """Raise InputError for two photographs of one name: nodes rename one, capitals do not count."""
     first: Dict[str, Photo] = {}
     for photo in photos:
         other = first.setdefault(photo.name.casefold(), photo)
@@ -221,7 +221,7 @@ def _notes(photos: Sequence[Photo]) -> Iterator[Notice]:
 
 
 def _left_out(ignored: Sequence[Path]) -> Iterator[Notice]:
-    """Say what in the folders looks as if it was meant, and is not sent."""
+    """Yield a notice of what in the folders may have been meant, and is not sent."""
     texts = [path for path in ignored if path.suffix.lower() == ".txt"]
     if texts:
         yield Notice(

@@ -73,7 +73,7 @@ class Header(NamedTuple):
 
 
 def kind_of(path: Path) -> Optional[str]:
-    """Tell the kind by the first bytes; None for anything else."""
+    """Return the kind by the first bytes; None for anything else."""
     with path.open("rb") as file:
         start = file.read(8)
     if start.startswith(b"\xff\xd8\xff"):
@@ -86,7 +86,7 @@ def kind_of(path: Path) -> Optional[str]:
 
 
 def truncation(path: Path, kind: str) -> Optional[str]:
-    """Say that a picture's end is missing; None when it is there."""
+    """Return words when a picture's end is missing; None when it is there."""
     size = path.stat().st_size
     with path.open("rb") as file:
         if kind == "JPEG":
@@ -116,7 +116,7 @@ def header(path: Path, kind: str) -> Header:
 
 
 def _described(file: BinaryIO, length: int, size: Optional[Tuple[int, int]]) -> Header:
-    """Read the first directory of a TIFF or of an EXIF block; the latter's own size counts not."""
+    """Return what the first directory of a TIFF or EXIF block says; `size` replaces its own."""
     directories = _Directories(file, length)
     tags = (_WIDTH, _HEIGHT, _MAKE, _MODEL, _GPS)
     fields, _ = directories.fields(directories.first, tags)
@@ -154,7 +154,7 @@ def _degrees(values: Sequence[Value]) -> Optional[float]:
 
 
 def _segments(file: BinaryIO) -> Iterator[Tuple[int, int, int]]:
-    """Give marker, place and length of what a JPEG's segments hold, to the picture's data."""
+    """Yield marker, place and length of a JPEG's segments, up to the picture's data."""
     place = 2
     for _ in range(_MOST_PIECES):
         file.seek(place)
@@ -175,7 +175,7 @@ def _segments(file: BinaryIO) -> Iterator[Tuple[int, int, int]]:
 
 
 def _jpeg_parts(file: BinaryIO) -> Tuple[Optional[Tuple[int, int]], Optional[bytes]]:
-    """Find a JPEG's size and its EXIF block."""
+    """Return a JPEG's size and its EXIF block."""
     size, exif = None, None
     for marker, place, length in _segments(file):
         if marker in _FRAMES and size is None:
@@ -190,7 +190,7 @@ def _jpeg_parts(file: BinaryIO) -> Tuple[Optional[Tuple[int, int]], Optional[byt
 
 
 def _png_parts(file: BinaryIO) -> Tuple[Optional[Tuple[int, int]], Optional[bytes]]:
-    """Find a PNG's size and its EXIF block, which may come after the picture."""
+    """Return a PNG's size and its EXIF block, which may come after the picture."""
     size, place = None, 8
     for _ in range(_MOST_PIECES):
         file.seek(place)

@@ -114,7 +114,7 @@ class Intersection:
 
 
 def trace(shots: Shots, name: str, picks: Sequence[Pick]) -> Rays:
-    """Find the photographs of a point's picks and the directions they look in.
+    """Return the rays of a point's picks: their photographs and the directions they look in.
 
     Raises
     ------

@@ -72,7 +72,7 @@ class _Session(requests.Session):
             self.mount(scheme, WatchedAdapter(watch))
 
     def get_redirect_target(self, resp: requests.Response) -> None:
-        """Say that there is none: `Server` follows them."""
+        """Return none: `Server` follows redirects itself."""
 
 
 class Server:
@@ -115,10 +115,10 @@ class Server:
         self._proxies = requests.utils.get_environ_proxies(self.url)  # slow: not for each request
 
     def __repr__(self) -> str:
-        return f"Server({self.url!r})"
+        return f"{type(self).__name__}({self.url!r})"
 
     def identify(self, headers: Mapping[str, str], secrets: Sequence[str]) -> None:
-        """Say from now on who asks, to this host only; ServerError for what no header can hold."""
+        """Send these headers from now on, to this host only; ServerError where none can be so."""
         if not all(value.isascii() and value.isprintable() for value in headers.values()):
             raise ServerError(
                 f"{self.name}: the token holds characters that no token has (a line's end, say); "
@@ -225,7 +225,7 @@ class Server:
         query: Optional[Mapping[str, str]] = None,
         **rest: Any,
     ) -> Iterator[requests.Response]:
-        """Give the answer to a request once its status is good; everything else is our error."""
+        """Yield the response once its status is good; any failure becomes one of our errors."""
         asked = urlencode({**self._query, **(query or {})})
         url = f"{self.url}{path}?{asked}" if asked else self.url + path
         with _Session(watch) as session:
@@ -352,7 +352,7 @@ class Server:
 
 
 def _texts(document: Any) -> Iterator[str]:
-    """Give the texts in a JSON document."""
+    """Yield all texts in a JSON document."""
     if isinstance(document, str):
         yield document
     elif isinstance(document, (list, dict)):
@@ -361,7 +361,7 @@ def _texts(document: Any) -> Iterator[str]:
 
 
 def _is_packed(response: requests.Response) -> bool:
-    """Whether unpacking would make more of an answer than came: a little may become anything."""
+    """Whether a body is compressed: a little of it may unpack to anything."""
     return response.headers.get("Content-Encoding", "identity").strip().lower() != "identity"
 
 

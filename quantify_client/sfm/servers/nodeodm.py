@@ -250,7 +250,7 @@ class NodeClient:
 
     @contextmanager
     def _told_apart(self) -> Iterator[None]:
-        """Tell apart what a node means by its errors; they all come as status 200."""
+        """Sort the errors of a node, all of status 200: token refused, task lost, anything else."""
         try:
             yield
         except RefusedError as error:

@@ -58,7 +58,7 @@ class Patience:
 
     @property
     def is_tried(self) -> bool:
-        """Whether the last thing heard of the server is an outage."""
+        """Whether an outage is going on."""
         return self._since is not None
 
     def endure(self, failure: OutageError) -> None:
@@ -137,7 +137,7 @@ def in_parallel(
 
 
 def _duration(seconds: float) -> str:
-    """Say a time in the unit that fits.
+    """Return a time in words, in the unit that fits.
 
     Examples
     --------

@@ -12,6 +12,7 @@ import re
 import threading
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Callable, Optional, Tuple, TypeVar
 from urllib.parse import urlsplit, urlunsplit
@@ -61,7 +62,7 @@ class TaskAddress:
 
 
 def task_address(url: str) -> TaskAddress:
-    """Take a task's address apart.
+    """Return the parts of a task's address.
 
     Raises
     ------
@@ -98,7 +99,7 @@ def task_address(url: str) -> TaskAddress:
     )
 
 
-class WebODM:
+class WebODM(Server):
     """A WebODM server, asked with somebody's credentials.
 
     Parameters
@@ -119,8 +120,7 @@ class WebODM:
         disk_hint: str = "make room, or mend the folder, and resume",
         public: bool = True,
     ) -> None:
-        self._access, self._public = access, public
-        self._server = Server(
+        super().__init__(
             url,
             secrets=[secret for secret in (access.password, access.token) if secret],
             ca=access.ca,
@@ -130,13 +130,10 @@ class WebODM:
             disk_hint=disk_hint,
             success=(200, 201),
         )
-        self.url, self.name = self._server.url, self._server.name
+        self._access, self._public = access, public
         self._lock = threading.Lock()
         self._since: Optional[float] = None
         self._login = 0
-
-    def __repr__(self) -> str:
-        return f"WebODM({self.url!r})"
 
     @property
     def is_anonymous(self) -> bool:
@@ -145,7 +142,7 @@ class WebODM:
 
     def json(self, method: str, path: str, **rest: Any) -> Any:
         """Send one request and return its JSON answer; see `Server.json`."""
-        return self._known(lambda: self._server.json(method, path, **rest))
+        return self._known(partial(super().json, method, path, **rest))
 
     def download(
         self,
@@ -155,10 +152,10 @@ class WebODM:
         **rest: Any,
     ) -> None:
         """Write what is at a path into a file; see `Server.download`."""
-        self._known(lambda: self._server.download(path, part, progress, **rest))
+        self._known(partial(super().download, path, part, progress, **rest))
 
     def _known(self, ask: Callable[[], T]) -> T:
-        """Ask with our credentials; what the server says of them is said in our words."""
+        """Ask with our credentials, logging in as needed; refusals are put into our own words."""
         if self.is_anonymous and not self._public:
             raise UsageError(f"{self.name}: a task on a WebODM needs a user; {_LOGIN_HINT}")
         login = self._log_in()
@@ -168,25 +165,25 @@ class WebODM:
             can = self._access.token is None and not self.is_anonymous
             # 403 and JSON also say that a user may not do something: then once more is harmless.
             if not (can and error.status in (401, 403) and error.reason is not None):
-                raise self._explained(error) from None
+                raise self._in_words(error) from None
         self._log_in(instead_of=login)
         try:
             return ask()
         except StatusError as error:
-            raise self._explained(error) from None
+            raise self._in_words(error) from None
 
     def _log_in(self, instead_of: Optional[int] = None) -> int:
         """Have the server know us; return the number of the login that counts."""
         access = self._access
         if access.token is not None:
-            self._server.identify({"Authorization": f"JWT {access.token}"}, [])
+            self.identify({"Authorization": f"JWT {access.token}"}, [])
         if access.token is not None or access.user is None or access.password is None:
             return 0
         with self._lock:
             fresh = self._since is not None and time.monotonic() - self._since < LOGIN_S
             if not fresh or instead_of == self._login:
                 kind, secret = self._ticket(access.user, access.password)
-                self._server.identify({"Authorization": f"{kind} {secret}"}, [secret])
+                self.identify({"Authorization": f"{kind} {secret}"}, [secret])
                 self._since, self._login = time.monotonic(), self._login + 1
             return self._login
 
@@ -194,7 +191,7 @@ class WebODM:
         """Return the kind of an Authorization header, and what is secret in it."""
         given = {"username": user, "password": password}
         try:
-            answer = self._server.json("POST", "/api/token-auth/", json=given)
+            answer = super().json("POST", "/api/token-auth/", json=given)
         except StatusError as error:
             if error.status in (400, 401) and error.reason is not None:
                 raise ServerError(
@@ -210,7 +207,7 @@ class WebODM:
             raise OutageError(f"{self.name}: answers a login with something that is no token")
         return "JWT", token
 
-    def _explained(self, failure: StatusError) -> StatusError:
+    def _in_words(self, failure: StatusError) -> StatusError:
         status, reason = failure.status, failure.reason
         said = f" ({reason})" if reason else ""
         if status in (401, 403) and self.is_anonymous:

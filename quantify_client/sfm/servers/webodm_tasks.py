@@ -248,7 +248,7 @@ class WebODMTasks:
             return None
 
     def _marked(self) -> List[Mapping[str, Any]]:
-        """Find the uploads of this job that have no file yet."""
+        """Return the uploads of this job that have no file yet."""
         found = self._list(self._tasks)
         mine = [task for task in found if task.get("partial") and task.get("name") == self._marker]
         return mine if self._marker else []
@@ -262,7 +262,7 @@ class WebODMTasks:
             return self._server.json(method, path, **rest)
 
     def _list(self, path: str) -> List[Mapping[str, Any]]:
-        """Ask for a list, which comes whole or as a page of one."""
+        """Return a list, which comes whole or as a page of one."""
         answer = self._json("GET", path)
         if isinstance(answer, dict):
             answer = answer.get("results")
