@@ -72,7 +72,7 @@ class UploadBody:
                 block = self._encoder.read(BLOCK)
             except OSError as error:
                 raise self._unreadable(error) from error
-            if self._look() != self._stamp:
+            if not block or self._look() != self._stamp:
                 raise JobError(
                     f"{self._path}: changed while it was sent, so it does not count as sent; put "
                     "it back as it was and resume, or submit into another folder"
