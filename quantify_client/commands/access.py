@@ -9,7 +9,7 @@ from typing import Optional
 
 from ..errors import InputError, UsageError
 from ..files.reading import read_small
-from ..sfm.servers.access import Access
+from ..sfm.servers.access import Access, split_token
 from ..source import is_address
 
 __all__ = ["access_of", "node_token", "token_of"]
@@ -29,8 +29,6 @@ def token_of(given: argparse.Namespace) -> Optional[str]:
 
 def node_token(given: argparse.Namespace) -> Optional[str]:
     """Return the token of a node; what is given on the command line wins, in the URL it is last."""
-    from ..sfm.servers.nodeodm import split_token  # with pyodm, which measuring does without
-
     apart = token_of(given) or os.environ.get(NODE_TOKEN, "").strip() or None
     _require_text(apart)
     return split_token(getattr(given, "node", None) or "", apart)[1]

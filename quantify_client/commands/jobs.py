@@ -10,8 +10,9 @@ from typing import Any, Mapping, Optional
 from ..errors import JobError, QuantifyError, UsageError
 from ..files.writing import scratch
 from ..jobs import Confirmed, Pace, cancel_job, create_job, run_job
-from ..jobs.journal import ARCHIVE, WEBODM, load, resuming
-from ..jobs.own import is_own, records_folder
+from ..jobs.job import ARCHIVE, WEBODM
+from ..jobs.journal import load, resuming
+from ..jobs.trust import is_own, records_folder
 from ..pipeline import measure
 from ..report import require_writable
 from ..report.wording.words import printable

@@ -13,8 +13,8 @@ from typing import Any, Dict, Mapping, Optional, get_args, get_type_hints
 from ..crs import require_crs
 from ..errors import CrsError, InputError, JobError, UsageError
 from ..files.reading import read_small, real_path
-from ..jobs.journal import ARCHIVE, DONE, JOURNAL, Job
-from ..jobs.own import is_own
+from ..jobs.job import ARCHIVE, DONE, JOURNAL, Job
+from ..jobs.trust import is_own
 from ..options import check_options
 from ..types import Options
 

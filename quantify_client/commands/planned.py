@@ -13,9 +13,9 @@ from ..areas.read import require_polygons
 from ..crs import given_crs
 from ..errors import AreaError, QuantifyError, ServerError, UsageError
 from ..files.reading import real_path
-from ..jobs import Plan, plan_job
+from ..jobs import JobPlan, plan_job
 from ..jobs.create import require_free
-from ..jobs.journal import GCP_NAME
+from ..jobs.job import GCP_NAME
 from ..options import check_options, choose_shape
 from ..pipeline.control.sending import ControlPlan, plan_control
 from ..pipeline.sites import AreaPlan, compare_areas, require_control_near
@@ -46,7 +46,7 @@ class Checked:
     photos: Optional[PhotoSummary] = None
     control: Optional[ControlPlan] = None
     areas: Optional[AreaPlan] = None
-    plan: Optional[Plan] = None
+    plan: Optional[JobPlan] = None
     faults: List[QuantifyError] = field(default_factory=list)
 
     @contextmanager
@@ -178,7 +178,7 @@ def _check_areas(given: argparse.Namespace, found: Checked, photos: PhotoSummary
     found.areas = plan
 
 
-def _plan(given: argparse.Namespace, found: Checked) -> Plan:
+def _plan(given: argparse.Namespace, found: Checked) -> JobPlan:
     node = given.node is not None
     plan = plan_job(
         given.images if found.photos is None else found.photos,

@@ -1,18 +1,20 @@
-"""What a journal must look like: a folder may be damaged, or somebody else's."""
+"""What a journal must look like: its folder may be damaged, or made by somebody else."""
 
 from __future__ import annotations
 
 import re
 import unicodedata
 from pathlib import Path
-from typing import Any, Callable, Dict, Mapping, NamedTuple, Sequence
+from typing import Any, Callable, Mapping, NamedTuple
 
 from ..errors import ServerError
-from ..sfm.servers.addresses import checked_url
+from ..sfm.servers.access import checked_url
+from .job import NODE, STATES, WEBODM
 
-__all__ = ["require_shape"]
+__all__ = ["require_format"]
 
-_UUID = re.compile(r"[0-9a-fA-F]{8}(-?[0-9a-fA-F]{4}){3}-?[0-9a-fA-F]{12}", re.ASCII)
+# A UUID goes into addresses and file names; it is empty before there is one.
+_UUID_OR_NONE = re.compile(r"([0-9a-fA-F]{8}(-?[0-9a-fA-F]{4}){3}-?[0-9a-fA-F]{12})?", re.ASCII)
 _MOST = 1 << 62  # of a size
 _LATEST = 1 << 80  # nanoseconds
 _LARGEST = 1e300  # of any other number
@@ -27,21 +29,19 @@ class _Kind(NamedTuple):
     words: str
 
 
-def require_shape(document: object, states: Sequence[str], servers: Sequence[str]) -> None:
+def require_format(document: object) -> None:
     """Raise ValueError, which says in words what is wrong, unless a journal is as `save` writes it.
 
     Parameters
     ----------
     document : the journal as JSON has it, without its schema.
-    states, servers : what ``state`` and ``kind`` may be; only the first kind has no project.
     """
-    kinds = _kinds(states, servers)
     if not isinstance(document, dict):
         raise ValueError(f"it holds {_shown(document)}, expected an object")
-    unknown = sorted(set(document) - set(kinds) - _DROPPED)
+    unknown = sorted(set(document) - set(_JOB) - _DROPPED)
     if unknown:
         raise ValueError(f"it holds {_shown(unknown[0])}, which this version does not know")
-    for name, kind in kinds.items():
+    for name, kind in _JOB.items():
         if name in document:
             _require(name, document[name], kind)
         elif name not in _NEWER:
@@ -52,28 +52,9 @@ def require_shape(document: object, states: Sequence[str], servers: Sequence[str
     names = [item["name"].casefold() for item in document["files"]]
     if len(set(names)) < len(names):
         raise ValueError("two of its files have the same name")
-    if (document.get("kind", servers[0]) == servers[0]) != (document.get("project") is None):
-        raise ValueError(f"'project' is {_shown(document.get('project'))}, which its server is not")
-
-
-def _kinds(states: Sequence[str], servers: Sequence[str]) -> Dict[str, _Kind]:
-    """Return what each member of a journal must be."""
-    return {
-        "id": _ID,
-        "url": _Kind(_is_address, "the address of a server"),
-        "kind": _Kind(lambda value: value in servers, f"one of {', '.join(servers)}"),
-        "project": _Kind(lambda value: value is None or _is_count(value), "a number or nothing"),
-        "marker": _TEXT,
-        "name": _TEXT,
-        "options": _Kind(_is_options, "names with plain values"),
-        "outputs": _Kind(lambda value: _is_list(value, _is_text), "a list of texts"),
-        "files": _Kind(lambda value: _is_list(value, lambda x: isinstance(x, dict)), "a list"),
-        "then": _Kind(lambda value: isinstance(value, dict) and _is_finite(value), "an object"),
-        "state": _Kind(lambda value: value in states, f"one of {', '.join(states)}"),
-        "uuid": _ID,
-        "attempt": _COUNT,
-        "archive_bytes": _Kind(lambda value: value is None or _is_count(value), _COUNT.words),
-    }
+    project = document.get("project")
+    if (document.get("kind", NODE) == NODE) != (project is None):
+        raise ValueError(f"'project' is {_shown(project)}, which its server is not")
 
 
 def _require(name: str, value: Any, kind: _Kind) -> None:
@@ -91,11 +72,6 @@ def _is_text(value: Any) -> bool:
 
 def _is_count(value: Any) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < _MOST
-
-
-def _is_id(value: Any) -> bool:
-    """Whether a text is a UUID, which goes into addresses and file names; or there is none yet."""
-    return isinstance(value, str) and (value == "" or _UUID.fullmatch(value) is not None)
 
 
 def _is_address(value: Any) -> bool:
@@ -147,8 +123,27 @@ def _shown(value: object) -> str:
 
 
 _TEXT = _Kind(_is_text, "a text")
-_ID = _Kind(_is_id, "a UUID")
+_ID = _Kind(
+    lambda value: isinstance(value, str) and _UUID_OR_NONE.fullmatch(value) is not None, "a UUID"
+)
 _COUNT = _Kind(_is_count, "a whole number from 0")
+_JOB: Mapping[str, _Kind] = {
+    "id": _ID,
+    "url": _Kind(_is_address, "the address of a server"),
+    "kind": _Kind((NODE, WEBODM).__contains__, f"one of {NODE}, {WEBODM}"),
+    "project": _Kind(lambda value: value is None or _is_count(value), "a number or nothing"),
+    "marker": _TEXT,
+    "name": _TEXT,
+    "options": _Kind(_is_options, "names with plain values"),
+    "outputs": _Kind(lambda value: _is_list(value, _is_text), "a list of texts"),
+    "files": _Kind(lambda value: _is_list(value, lambda x: isinstance(x, dict)), "a list"),
+    "then": _Kind(lambda value: isinstance(value, dict) and _is_finite(value), "an object"),
+    "state": _Kind(STATES.__contains__, f"one of {', '.join(STATES)}"),
+    "uuid": _ID,
+    "attempt": _COUNT,
+    "archive_bytes": _Kind(lambda value: value is None or _is_count(value), _COUNT.words),
+}
+"""What each member of a journal must be."""
 _FILE: Mapping[str, _Kind] = {
     "name": _Kind(_is_name, "a file's name"),
     "path": _Kind(_is_place, "a whole path"),

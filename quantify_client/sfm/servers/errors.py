@@ -6,11 +6,22 @@ from typing import Optional
 
 from ...errors import ServerError
 
-__all__ = ["OutageError", "RefusedError", "StatusError"]
+__all__ = [
+    "ArchiveError",
+    "OutageError",
+    "RefusedError",
+    "StatusError",
+    "StoppedError",
+    "TaskLostError",
+]
+
+
+class StoppedError(Exception):
+    """A request was given up on our side; not an OSError, which would pass for a broken line."""
 
 
 class OutageError(ServerError):
-    """The line or the server is down for now; the same request may work later.
+    """The connection or the server is down for now; the same request may work later.
 
     Attributes
     ----------
@@ -22,8 +33,12 @@ class OutageError(ServerError):
         self.unsent = unsent
 
 
+class ArchiveError(OutageError):
+    """The archive that was downloaded is no sound zip; downloading it again may help."""
+
+
 class RefusedError(ServerError):
-    """The server understood and said no.
+    """The server understood the request and said no.
 
     Attributes
     ----------
@@ -35,13 +50,17 @@ class RefusedError(ServerError):
         self.reason = reason
 
 
+class TaskLostError(RefusedError):
+    """The server knows no such task, or no such upload, any more."""
+
+
 class StatusError(ServerError):
-    """The server answered with a status that no later try will change.
+    """The server answered with an HTTP status that trying again will not change.
 
     Attributes
     ----------
-    status : of HTTP.
-    reason : what its JSON says beside it, without secrets; None where it sent no JSON.
+    status : the HTTP status.
+    reason : what the JSON of the answer says, without secrets; None where it sent no JSON.
     """
 
     def __init__(self, message: str, status: int, reason: Optional[str]) -> None:

@@ -19,9 +19,8 @@ from typing import Any, Mapping, Optional, Sequence, Tuple
 from ..errors import InputError, JobError
 from ..files.reading import read_small, real_path
 from ..sfm.photos.formats import kind_of
-from ..sfm.servers.addresses import origin
-from ..sfm.servers.nodeodm import split_token
-from .journal import GCP_NAME, NODE, READY, UPLOADING, Job, SentFile
+from ..sfm.servers.access import origin, split_token
+from .job import GCP_NAME, NODE, READY, UPLOADING, Job, SentFile
 
 __all__ = ["Confirmed", "Trust", "is_own", "keep_record", "records_folder", "trusted_with"]
 
@@ -68,7 +67,7 @@ class Trust:
     insecure: bool = False
 
     def refusal(self, file: SentFile) -> Optional[str]:
-        """Say why a file may not be sent; None when it may."""
+        """Return why a file may not be sent; None when it may."""
         path = Path(file.path)
         if file.name == GCP_NAME:
             return None  # our copy in the job's folder, in which no name of ours is a link
@@ -128,7 +127,6 @@ def trusted_with(folder: Path, job: Job, confirmed: Confirmed, *, anew: bool = F
         Nothing says that the user knows the job's server, or that the job is on the one given.
     """
     record = _record(job)
-    option = "--node" if job.kind == NODE else "--webodm"
     if confirmed.url is not None and not _is_same(confirmed.url, job.url):
         given = split_token(confirmed.url)[0].split("@")[-1]
         raise JobError(f"{folder}: the job is on {job.url}, not on {given}; give the one it is on")
@@ -144,13 +142,12 @@ def trusted_with(folder: Path, job: Job, confirmed: Confirmed, *, anew: bool = F
         raise JobError(
             f"{folder}: no record of yours says that you made this job as it is, and it would go "
             f"on at {job.url}, with your credentials; if that is the server you mean, give "
-            f"{option} {job.url}{sends}"
+            f"{'--node' if job.kind == NODE else '--webodm'} {job.url}{sends}"
         )
-    ca = confirmed.ca
-    if record and record.get("ca") and ca is None and not confirmed.insecure:
-        ca = Path(record["ca"])
+    kept = (record or {}).get("ca")
+    ca = Path(kept) if kept and not confirmed.insecure else None
     images = tuple(real_path(image) for image in confirmed.images)
-    return Trust(record is not None, images, ca, confirmed.insecure)
+    return Trust(record is not None, images, confirmed.ca or ca, confirmed.insecure)
 
 
 def _record(job: Job) -> Optional[Mapping[str, Any]]:
@@ -177,12 +174,13 @@ def _digest(job: Job) -> str:
 
 
 def _is_same(given: str, url: str) -> bool:
-    bare = split_token(given)[0].rstrip("/")
+    """Whether two addresses lead to the same place, however they are written."""
+    bare = split_token(given)[0]
     try:
-        return bare == url.rstrip("/") or (origin(bare), _path(bare)) == (origin(url), _path(url))
+        return bare.rstrip("/") == url.rstrip("/") or _place(bare) == _place(url)
     except ValueError:
         return False
 
 
-def _path(url: str) -> str:
-    return url.split("://", 1)[-1].partition("/")[2].strip("/")
+def _place(url: str) -> Tuple[object, str]:
+    return origin(url), url.split("://", 1)[-1].partition("/")[2].strip("/")
