@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Callable, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
 
 from .cloud import DEFAULT_CHUNK, Cloud, open_cloud
-from .cloud.base import Front, naming
+from .cloud.base import CloudWrapper, naming
 from .crs import UNITS_M, Statement, given_crs, merge, same_coordinates, stated_by, statement_of_wkt
 from .errors import CloudError, UsageError
 from .files.reading import real_path
@@ -226,7 +226,7 @@ def _given(options: Options) -> Optional[Statement]:
     )
 
 
-class _Presented(Front):
+class _Presented(CloudWrapper):
     """A cloud under the names the user knows, with what its surroundings say of it."""
 
     def __init__(self, cloud: Cloud, info: CloudInfo, aliases: Aliases) -> None:
