@@ -17,7 +17,7 @@ from ...scaler.adjustment.build import CloudPlace, build_network
 from ...scaler.adjustment.elevations import Elevations, solve_elevations
 from ...scaler.adjustment.network import Network
 from ...scaler.adjustment.preanalysis import FOUND_M
-from ...scaler.control.gcp_list import write_gcp_list
+from ...scaler.control.gcp_write import write_gcp_list
 from ...scaler.control.model import Control
 from ...scaler.control.read import read_control
 from ...types import ControlAccount, ControlledPoint, DirectHeight

@@ -93,10 +93,22 @@ class Control:
 
     label: str
     crs: Optional[str]
-    height_m: Optional[float]
-    points: Mapping[str, ControlPoint]
-    lengths: Sequence[Length]
-    cloud: Mapping[str, CloudPosition]
-    picks: Sequence[Pick]
-    warnings: Sequence[str] = field(default=())
-    named: Sequence[Path] = field(default=())
+    height_m: Optional[float] = None
+    points: Mapping[str, ControlPoint] = field(default_factory=dict)
+    lengths: Sequence[Length] = ()
+    cloud: Mapping[str, CloudPosition] = field(default_factory=dict)
+    picks: Sequence[Pick] = ()
+    warnings: Sequence[str] = ()
+    named: Sequence[Path] = ()
+
+    @property
+    def ends(self) -> Sequence[str]:
+        """Names of the points that lengths begin and end at, with repetitions."""
+        return [name for length in self.lengths for name in (length.start, length.end)]
+
+    @property
+    def positions(self) -> Mapping[str, Tuple[float, float]]:
+        """Coordinates x and y of the points that have a position, by name."""
+        return {
+            n: (p.x, p.y) for n, p in self.points.items() if p.x is not None and p.y is not None
+        }
