@@ -235,10 +235,12 @@ def points_and_picks(
         )
     placed = [name for name, row in rows.items() if not math.isnan(row.x)]
     target = (listed.plane if plane is None else plane).crs
-    xy = dict(zip(placed, _moved(listed, [rows[name] for name in placed], target).tolist()))
+    moved = _moved(listed, [rows[name] for name in placed], target)
+    east, north = (dict(zip(placed, column.tolist())) for column in moved.T)
     heights, more = _heights(listed, rows)
     points = {
-        name: ControlPoint(name, *xy.get(name, (None, None)), None, heights[name]) for name in rows
+        name: ControlPoint(name, east.get(name), north.get(name), None, heights[name])
+        for name in rows
     }
     return points, picks, [*notes, *more]
 

@@ -133,9 +133,7 @@ def read_yaml(text: str, file: str) -> SyntaxNode:
     return root
 
 
-def _yaml_node(
-    event: yaml.Event, events: Iterator[yaml.Event], file: str, depth: int
-) -> SyntaxNode:
+def _yaml_node(event: Any, events: Iterator[Any], file: str, depth: int) -> SyntaxNode:
     """Return the node that an event begins; the events of what is in it are taken as well."""
     line = _line(event)
     if event.anchor is not None:
