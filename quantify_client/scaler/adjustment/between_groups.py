@@ -134,8 +134,9 @@ def _positions_as_cloud(network: Network) -> Optional[Network]:
     chosen = np.nan_to_num(apart) > 0.0
     if not chosen[network.used_lengths].any():
         return None
-    extent = float(np.ptp(network.horizontal[placed], axis=0).max())
-    vertical = np.where(network.levelled, network.elevation_sigma, extent)
+    # What slopes do to a length is in its sigma, below. With free heights the points would leave
+    # their level instead, and any length that is too long would fit.
+    vertical = np.where(network.levelled, network.elevation_sigma, network.horizontal_sigma)
     covariance = np.zeros((len(placed), 3, 3))
     covariance[:, [0, 1], [0, 1]] = network.horizontal_sigma[:, None] ** 2
     covariance[:, 2, 2] = vertical**2
