@@ -25,7 +25,7 @@ from .to_odm import SolvedControl, write_for_odm
 
 __all__ = ["ControlPlan", "convert_control", "plan_control"]
 
-#: How well a place in the cloud is known where nobody says, in the cloud's own unit.
+#: Sigma of a place in the cloud where none is given, in the cloud's own unit.
 _PLACE = 0.05
 
 #: OpenDroneMap takes every position as exact; one known no better than this would bend its model.

@@ -1,4 +1,4 @@
-"""Where control points are in the cloud: given, picked in photographs, or told by ODM itself."""
+"""Where control points are in the cloud: given, picked in photographs, or reported by ODM."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ...types.notice import Notice
 
 __all__ = ["cloud_places"]
 
-#: Where nobody says how well a point was found in the cloud, it is this many point spacings.
+#: Sigma of a place in the cloud where none is given, in point spacings.
 _SPACINGS = 2.0
 
 _WGS84 = "EPSG:4326"

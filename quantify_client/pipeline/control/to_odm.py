@@ -22,7 +22,7 @@ from .site import ControlSite
 
 __all__ = ["SolvedControl", "controlled_point", "write_for_odm"]
 
-#: An elevation known no better than this is told: OpenDroneMap takes every one as exact ...
+#: An elevation known no better than this is warned of: OpenDroneMap takes every one as exact ...
 _POOR_M = 0.5
 
 #: ... and known no better than this it would bend the model, and is left out.

@@ -1,4 +1,4 @@
-"""A control file's content -> the network to be adjusted, with what nobody said filled in."""
+"""A control file's content -> the network to be adjusted, with default accuracies filled in."""
 
 from __future__ import annotations
 
