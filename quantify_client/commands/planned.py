@@ -17,7 +17,7 @@ from ..jobs import JobPlan, plan_job
 from ..jobs.create import require_free
 from ..jobs.job import GCP_NAME
 from ..options import check_options, choose_shape
-from ..pipeline.control.sending import ControlPlan, plan_control
+from ..pipeline.control.account import ControlPlan, plan_control
 from ..pipeline.sites import AreaPlan, compare_areas, require_control_near
 from ..report import require_writable
 from ..report.wording.words import printable
@@ -144,7 +144,7 @@ def _check_control(
     with found.step():
         names = {photo.name for photo in photos.photos}
         found.control = plan_control(given.gcp, names, folder / GCP_NAME)
-        require_control_near(given.gcp, _places(photos))
+        require_control_near(found.control.control, _places(photos))
         if not found.control.applied:
             _leave_out_control(found.options)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .control.convert import convert_control
+from .control.account import convert_control
 from .control.scale import scale
 from .run import describe, measure
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, List, Optional, Sequence, Tuple, Union
+from typing import Any, List, Optional, Sequence, Tuple
 
 import numpy as np
 import shapely
@@ -13,9 +12,9 @@ from ..areas.read import Area, read_areas
 from ..crs import Frame, local_frame, measuring_frame, positions_to, utm_grid
 from ..errors import AreaError, CrsError
 from ..scaler.adjustment.build import CloudPlace, build_network
-from ..scaler.control.read import read_control
+from ..scaler.control.model import Control
 from ..types import AreaFailure, FloatArray
-from .control.site import Site, require_near
+from .control.site import ControlSite, require_near
 
 __all__ = ["AreaPlan", "compare_areas", "require_control_near"]
 
@@ -82,16 +81,15 @@ def compare_areas(area: Any, taken: Sequence[Tuple[float, float]]) -> AreaPlan:
     return AreaPlan(names, tuple(failures), (*found.warnings, *notes))
 
 
-def require_control_near(gcp: Union[str, Path], taken: Sequence[Tuple[float, float]]) -> None:
+def require_control_near(control: Control, taken: Sequence[Tuple[float, float]]) -> None:
     """Raise ControlError for positions that are not where photographs were taken."""
-    control = read_control(str(gcp))
     if not taken:
         return
     lon, lat = np.median(np.array(taken, dtype=np.float64), axis=0)
     local = local_frame(_WGS84, float(lon), float(lat), control.height_m or 0.0)
     there = {name: CloudPlace(np.zeros(3), np.eye(3)) for name in control.points}
     network, _ = build_network(control, local, 0.0, there)
-    site = Site(local, np.eye(4), 0.0, np.zeros(2))
+    site = ControlSite(local, np.eye(4), 0.0, np.zeros(2))
     require_near(control, site, network, "where the photographs were taken")
 
 

@@ -9,10 +9,10 @@ import pytest
 from networks import survey
 
 from quantify_client.errors import ControlError
-from quantify_client.scaler.adjustment.between_groups import held_against_positions
+from quantify_client.scaler.adjustment.between_groups import compare_with_positions
 from quantify_client.scaler.adjustment.fit import fit
 from quantify_client.scaler.adjustment.network import Freedom, Model, Network
-from quantify_client.scaler.adjustment.solve import Adjustment, minimise, solved
+from quantify_client.scaler.adjustment.solve import Adjustment, evaluate, minimise
 from quantify_client.scaler.adjustment.start import starts
 
 pytestmark = pytest.mark.one_python
@@ -23,8 +23,8 @@ def adjusted(network: Network) -> Adjustment:
     freedom = Freedom(0, shift_xy=False, shift_z=False)
     model = Model(network, freedom, starts(network, freedom)[0])
     used = np.ones(len(model.kind), dtype=bool)
-    unknowns, _ = minimise(model, used, {}, robust=False, tolerance=1e-12, steps=50)
-    return solved(model.again(model.state(unknowns)), used, {}, ())
+    state, _ = minimise(model, used, {}, robust=False, evaluations=50)
+    return evaluate(model.at(state), used, {}, ())
 
 
 def test_an_error_that_is_called_detectable_is_found_in_four_of_five_surveys() -> None:
@@ -54,4 +54,4 @@ def test_feet_are_refused_where_the_positions_cannot_turn_the_cloud() -> None:
 def test_good_surveys_are_not_called_wrong_as_a_whole(gps: float, relief: float) -> None:
     for seed in range(10):
         network = survey(seed, gps=gps, relief=relief).network
-        assert held_against_positions(network)[1] == 0.0
+        assert compare_with_positions(network)[1] == 0.0

@@ -10,10 +10,10 @@ import pytest
 from networks import survey
 
 from quantify_client.errors import ControlError
-from quantify_client.scaler.adjustment.fit import Fit, fit
+from quantify_client.scaler.adjustment.fit import ScaleFit, fit
 
 
-def lengthened(factor: float, **options: float) -> Tuple[Fit, float]:
+def lengthened(factor: float, **options: float) -> Tuple[ScaleFit, float]:
     made = survey(2, **options)
     network = replace(made.network, length=made.network.length * factor)
     return fit(network, "auto", georeferenced=False), made.factor
