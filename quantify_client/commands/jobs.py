@@ -12,7 +12,7 @@ from ..files.writing import scratch
 from ..jobs import Confirmed, Pace, cancel_job, create_job, run_job
 from ..jobs.journal import ARCHIVE, WEBODM, load, resuming
 from ..jobs.own import is_own, records_folder
-from ..pipeline import measure
+from ..pipeline.run import measure
 from ..report import require_writable
 from ..report.wording.words import printable
 from ..sfm.servers.access import Access
@@ -36,7 +36,7 @@ def submit(given: argparse.Namespace) -> int:
             return show_checked(checked, given)
         for line in checked.lines():
             say(line)
-        then = {"options": checked.options, "units": given.units}
+        then = {"options": checked.kept, "units": given.units}
         job = create_job(checked.plan, given.out, then)
     if not is_own(job):
         say(
@@ -82,7 +82,7 @@ def _go_on(folder: Path, given: argparse.Namespace, *, is_new: bool = False) -> 
             report=report,
             patience_h=given.patience,
             resubmit=given.resubmit,
-            most_bytes=given.max_size,
+            most_bytes=None if given.max_size is None else int(given.max_size * 1e9),
             pace=PACE,
         )
     if not is_new:

@@ -16,13 +16,12 @@ from ..files.reading import real_path
 from ..jobs import Plan, plan_job
 from ..jobs.create import require_free
 from ..jobs.journal import GCP_NAME
-from ..options import check_options, choose_shape
+from ..options import Options, choose_shape, read_options
 from ..pipeline.control.sending import ControlPlan, plan_control
 from ..pipeline.sites import AreaPlan, compare_areas, require_control_near
 from ..report import require_writable
 from ..report.wording.words import printable
 from ..sfm.photos.check import PhotoSummary, check_photos
-from ..types import Options
 from .access import access_of, node_token
 from .kept import FILES, REPORT
 from .measuring import inputs_of, options_of
@@ -37,11 +36,13 @@ class Checked:
 
     Attributes
     ----------
-    options : of measuring afterwards.
+    options : of measuring afterwards, as they were given.
+    kept : of these, what the job keeps: files with their whole path, a CRS as its text.
     faults : what would stop it, where all of that is to be told and not the first alone.
     """
 
-    options: Dict[str, Any]
+    options: Options
+    kept: Dict[str, Any]
     gathers: bool = False
     photos: Optional[PhotoSummary] = None
     control: Optional[ControlPlan] = None
@@ -72,8 +73,7 @@ class Checked:
                 lines += [f"Photographs: {self.photos.words}", f"Control: {told or 'none is sent'}"]
                 lines += [f"Note: {note}" for note in self.photos.warnings]
         lines += [f"Note: {note}" for note in self.notes()]
-        chosen = {k: v for k, v in self.options.items() if v != getattr(Options(), k)}
-        words = ", ".join(f"{key} {value}" for key, value in chosen.items())
+        words = ", ".join(f"{key} {value}" for key, value in self.kept.items())
         return [*lines, f"Measured afterwards: {words or 'the whole site'}"]
 
     def notes(self) -> List[str]:
@@ -82,8 +82,7 @@ class Checked:
         if self.areas is not None:
             notes += self.areas.notes
             notes += [f"{area.name}: {area.error}" for area in self.areas.failures]
-        drawn = self.options["area"] is not None and self.options["area_frame"] == "cloud"
-        if drawn and self.options["gcp"] is not None:
+        if "area" in self.kept and "gcp" in self.kept and self.options.area_frame == "cloud":
             notes.append(
                 "polygons are taken as drawn on the cloud that is to be made, and move with it "
                 "when the control moves that; for surveyed ones give --area-frame control"
@@ -101,10 +100,11 @@ def check(given: argparse.Namespace, folder: Path) -> Checked:
     folder : where a solved gcp_list.txt may be kept for now.
     """
     _require_server(given)
-    found = Checked(options_of(given), given.dry_run)
-    choose_shape(check_options(Options(**found.options)), has_crs=True, is_odm=True)
+    options = read_options(options_of(given))
+    choose_shape(options, has_crs=True, is_odm=True)
+    found = Checked(options, options.given(), given.dry_run)
     with found.step():
-        _check_files(given, found.options)
+        _check_files(given, found.kept)
     with found.step():
         found.photos = check_photos(given.images)
     if found.photos is not None:
@@ -123,17 +123,15 @@ def _require_server(given: argparse.Namespace) -> None:
         raise UsageError("--project goes with --webodm: leave one of them out")
 
 
-def _check_files(given: argparse.Namespace, options: Dict[str, Any]) -> None:
+def _check_files(given: argparse.Namespace, kept: Dict[str, Any]) -> None:
     """Find mistakes in files and folders that would only show after a night."""
     if given.area is not None:
         require_polygons(given.area)
     require_free(given.out)
     require_writable(given.out / REPORT, inputs_of(given))
-    for name in FILES:
-        if options[name] is not None:
-            options[name] = str(real_path(options[name]))
-    if options["crs"] is not None:
-        options["crs"] = given_crs(options["crs"])  # its text: the file may be gone by tomorrow
+    kept.update({name: str(real_path(kept[name])) for name in FILES if name in kept})
+    if "crs" in kept:
+        kept["crs"] = given_crs(kept["crs"])  # its text: the file may be gone by tomorrow
 
 
 def _check_control(
@@ -146,13 +144,13 @@ def _check_control(
         found.control = plan_control(given.gcp, names, folder / GCP_NAME)
         require_control_near(given.gcp, _places(photos))
         if not found.control.applied:
-            _leave_out_control(found.options)
+            _leave_out_control(found.kept)
 
 
-def _leave_out_control(options: Dict[str, Any]) -> None:
+def _leave_out_control(kept: Dict[str, Any]) -> None:
     """Measure without a control file that only the server has a use for."""
-    gcp, options["gcp"] = options["gcp"], None
-    if options["scale_mode"] != "auto" or options["area_frame"] != "cloud":
+    gcp = kept.pop("gcp")
+    if kept.keys() & {"scale_mode", "area_frame"}:
         raise UsageError(
             f"{gcp}: is for the server alone, as it holds no lengths; leave --scale-mode and "
             "--area-frame out"

@@ -12,7 +12,8 @@ from rich.console import Console
 from ..errors import UsageError
 from ..files.reading import real_path
 from ..files.writing import require_replaceable
-from ..pipeline import convert_control, scale
+from ..pipeline.control.convert import convert_control
+from ..pipeline.control.scale import scale
 from ..report import (
     control_document,
     print_control,
@@ -23,6 +24,7 @@ from ..report import (
 from ..report.wording.words import printable
 from ..types import Scaled
 from .access import access_of
+from .measuring import options_of
 from .shown import complain, stages
 
 __all__ = ["gcp", "scale_cloud"]
@@ -44,16 +46,11 @@ def scale_cloud(given: argparse.Namespace) -> int:
 
         scaled = scale(
             *given.sources,
-            gcp=given.gcp,
             out=given.out,
-            area=given.area,
-            scale_mode=given.scale_mode,
-            crs=given.crs,
-            source_unit=given.source_unit,
-            vertical_unit=given.vertical_unit,
             progress=progress,
             access=access_of(given),
             beside=beside,
+            **options_of(given),
         )
     if given.json:
         print(json.dumps(_document(scaled), indent=2, allow_nan=False))

@@ -11,10 +11,10 @@ from ...cloud.rewrite import RewriteReport, require_rewritable, rewrite_cloud
 from ...crs import PlacedFrame, measuring_frame
 from ...errors import UsageError
 from ...files.writing import require_replaceable
-from ...options import check_options
+from ...options import Options, read_options
 from ...sfm.servers.access import Access
 from ...source import Source, open_source
-from ...types import Bounds, FloatArray, Options, Scaled
+from ...types import Bounds, FloatArray, Scaled
 from ..common import cloud_warnings, provenance
 from ..streaming import Progress
 from .moved import Moving, areas_beside, moved_areas, no_longer_fits
@@ -61,16 +61,8 @@ def scale(
     QuantifyError
         One line that says what was found, what was expected and what to do.
     """
+    options = read_options(locals())
     started, clock = datetime.now(timezone.utc), time.perf_counter()
-    asked = Options(
-        gcp=gcp,
-        area=area,
-        scale_mode=scale_mode,
-        crs=crs,
-        source_unit=source_unit,
-        vertical_unit=vertical_unit,
-    )
-    options = check_options(asked)
     report = progress or (lambda stage, share: None)
     _require_places(out, [*map(Path, sources), Path(gcp)], area)
     with open_source(
