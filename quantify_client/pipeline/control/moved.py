@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Optional, Sequence, Tuple
@@ -75,7 +75,7 @@ def moved_areas(
     AreaError
         The file cannot be read, or none of its polygons can be moved.
     """
-    found = drawn_areas(source, frame, replace(options, area_frame="cloud"), report)
+    found = drawn_areas(source, frame, options, report)
     failures = tuple(area for area in found.areas if isinstance(area, AreaFailure))
     if len(failures) == len(found.areas):
         raise AreaError(f"{failures[0].name}: {failures[0].error}; no polygon can be moved")
