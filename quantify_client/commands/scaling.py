@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
-from typing import Any, Mapping, Optional, Sequence
+from typing import Any, Mapping, Optional, Sequence, Tuple
 
 from rich.console import Console
 
@@ -22,7 +22,7 @@ from ..report import (
     write_scale_page,
 )
 from ..report.wording.words import printable
-from ..types import Scaled
+from ..types import Scaled, Scaling
 from .access import access_of
 from .measuring import options_of
 from .shown import complain, stages
@@ -40,7 +40,7 @@ def scale_cloud(given: argparse.Namespace) -> int:
         def beside(scaled: Scaled, folder: Path) -> Sequence[str]:
             name = _page(given.out).name
             progress("drawing", 0.0)
-            _write_page(scaled, folder / name, given.units)
+            write_scale_page(*_about(scaled), folder / name, given.units, out=scaled.out)
             progress("drawing", 1.0)
             return [name]
 
@@ -53,7 +53,8 @@ def scale_cloud(given: argparse.Namespace) -> int:
             **options_of(given),
         )
     if given.json:
-        print(json.dumps(_document(scaled), indent=2, allow_nan=False))
+        document = scale_document(*_about(scaled), scaled.out, scaled.areas, scaled.failures)
+        print(json.dumps(document, indent=2, allow_nan=False))
     else:
         _show(scaled, page, given.units)
     for failure in scaled.failures:
@@ -72,14 +73,8 @@ def _show(scaled: Scaled, page: Optional[Path], units: str) -> None:
         print(f"Polygons: {printable(scaled.areas)}")
 
 
-def _write_page(scaled: Scaled, page: Path, units: str) -> None:
-    about = scaled.scaling, scaled.source, scaled.provenance, scaled.warnings
-    write_scale_page(*about, page, units, out=scaled.out)
-
-
-def _document(scaled: Scaled) -> Mapping[str, Any]:
-    about = scaled.scaling, scaled.source, scaled.provenance, scaled.warnings
-    return scale_document(*about, scaled.out, scaled.areas, scaled.failures)
+def _about(scaled: Scaled) -> Tuple[Scaling, str, Mapping[str, Any], Sequence[str]]:
+    return scaled.scaling, scaled.source, scaled.provenance, scaled.warnings
 
 
 def _page(out: Path) -> Path:
