@@ -1,4 +1,4 @@
-"""What can be checked of a submit before anything is sent, and how it is reported."""
+"""The checks of a submit before anything is sent, and how their findings are shown."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ from ..pipeline.sites import AreaPlan, compare_areas, require_control_near
 from ..report import require_writable
 from ..report.wording.words import printable
 from ..sfm.photos.check import PhotoSummary, check_photos
+from ..types import Notice
 from .access import access_of, node_token
 from .kept import FILES, REPORT
 from .measuring import inputs_of, options_of
@@ -32,13 +33,13 @@ __all__ = ["Checked", "check", "show_checked"]
 
 @dataclass
 class Checked:
-    """What was found out of a submit.
+    """What was found in checking a submit.
 
     Attributes
     ----------
     given : the command line.
     kept : the options for measuring that the job keeps: files with their whole path, a CRS as text.
-    faults : what would stop it, where all of that is to be told and not the first alone.
+    faults : what would stop it; with ``--dry-run`` all of it is told, not only the first.
     """
 
     given: argparse.Namespace
@@ -64,16 +65,20 @@ class Checked:
         return [*lines, f"Measured afterwards: {words or 'the whole site'}"]
 
     def notes(self) -> List[str]:
-        """Say what is odd, and does not stop it."""
-        notes = list(self.control.notes) if self.control else []
+        """Return the warnings: what is odd but does not stop the submit."""
+        notes: List[str] = list(self.control.notes) if self.control else []
         if self.areas is not None:
             notes += self.areas.notes
-            notes += [f"{area.name}: {area.error}" for area in self.areas.failures]
+            notes += [
+                Notice("area-elsewhere", f"{area.name}: {area.error}", name=area.name)
+                for area in self.areas.failures
+            ]
         if {"area", "gcp"} <= self.kept.keys() and "area_frame" not in self.kept:
-            notes.append(
+            text = (
                 "polygons are taken as drawn on the cloud that is to be made, and move with it "
                 "when the control moves that; for surveyed ones give --area-frame control"
             )
+            notes.append(Notice("areas-move-with-the-cloud", text))
         return notes
 
     @property
