@@ -39,7 +39,7 @@ RESULT_KEYS = (
 
 
 def schema() -> Dict[str, Any]:
-    path = resources.files("quantify_client.report") / "schema.json"
+    path = resources.files("quantify_client.report.document") / "schema.json"
     return json.loads(path.read_text("utf-8"))
 
 

@@ -12,8 +12,7 @@ from typing import Any, Dict, Optional
 import jsonschema
 import pytest
 
-from quantify_client.report import scale_document, to_json
-from quantify_client.report.document import scaling as scale_json
+from quantify_client.report import scale_document, scale_json, to_json
 from quantify_client.types import Scaling
 
 from . import scalings, surveys
@@ -29,7 +28,9 @@ OBSERVATION_KEYS = (
 
 
 def schema(name: str) -> Dict[str, Any]:
-    return json.loads((resources.files("quantify_client.report") / name).read_text("utf-8"))
+    return json.loads(
+        (resources.files("quantify_client.report.document") / name).read_text("utf-8")
+    )
 
 
 def valid(document: Dict[str, Any], name: str) -> None:
