@@ -74,3 +74,23 @@ def test_a_body_imports_nothing_of_control(small):
 def test_info_imports_no_statistics(small):
     found = imported("info", small, "--json")
     assert not found & {"scipy.stats", "scipy.optimize", "matplotlib", "rich", "pyodm", "yaml"}
+
+
+def test_what_names_a_file_is_completed_by_files():
+    """Where shtab makes completions; it is asked nothing when the command runs."""
+    from quantify_client.cli import parser
+
+    (commands,) = (a for a in parser()._actions if a.dest == "command")
+    for command, part in commands.choices.items():
+        completed = {a.dest for a in part._actions if hasattr(a, "complete")}
+        assert completed or command == "demo"
+        assert completed >= {a.dest for a in part._actions if a.dest in ("sources", "area", "gcp")}
+
+
+def test_completions_for_a_shell():
+    shtab = pytest.importorskip("shtab")
+    from quantify_client.cli import parser
+
+    script = shtab.complete(parser(), shell="bash")
+    assert "--slice-height" in script
+    assert "_quantify_client_volume_" in script

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Mapping, Optional, Tuple
 
 import numpy as np
@@ -43,6 +44,8 @@ _MOST_OUTSIDE = 0.05
 def measure_object(source: Source, frame: Frame, options: Options, report: Progress) -> Measurement:
     """Measure the body whose surface the whole cloud is."""
     bounds = bounds_in_frame(source, frame)
+    level = placed_level(frame, options, options.floor, cloud_window(source, frame))
+    options = replace(options, floor="auto" if level is None else level)
     method = options.method or ("polar" if options.center_caps else "section")
     by_faces = measure_faces(source, frame, options, report)
     if isinstance(by_faces, ByFaces):
@@ -85,7 +88,7 @@ def _by_sections(
         slice_height=options.slice_height,
         hollow=options.hollow,
         max_gap=options.max_gap,
-        floor=placed_level(frame, options, options.floor, cloud_window(source, frame)),
+        floor=options.floor,
         ground_factor=factor or 1.0,
     )
     report("finding the body", 0.0)
