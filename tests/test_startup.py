@@ -91,6 +91,6 @@ def test_completions_for_a_shell():
     shtab = pytest.importorskip("shtab")
     from quantify_client.cli import parser
 
-    script = shtab.complete(parser(), shell="bash")
+    script = shtab.complete(parser(), "bash")
     assert "--slice-height" in script
     assert "_quantify_client_volume_" in script
