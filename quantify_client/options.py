@@ -12,19 +12,12 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
+from numbers import Integral, Real
 from typing import Any, Dict, Iterable, List, Mapping, Optional, Tuple, Union
 
 from .errors import UsageError
 
-__all__ = [
-    "OPTIONS",
-    "UNITS",
-    "Option",
-    "Options",
-    "check_options",
-    "choose_shape",
-    "read_options",
-]
+__all__ = ["OPTIONS", "UNITS", "Option", "Options", "choose_shape", "read_options"]
 
 #: The units of lengths that a source may be in.
 UNITS = ("m", "cm", "mm", "ft", "us-ft")
@@ -39,6 +32,7 @@ AMOUNTS = "mass and speed"
 
 _DENSEST = 22.6  # t/m3: osmium
 
+_FILE = {"kind": "given", "metavar": "FILE", "request": None}
 _ELEVATION = {"kind": "number", "amount": "an elevation", "request": (-20_000, 20_000)}
 _LENGTH = {
     "kind": "number",
@@ -110,9 +104,11 @@ class Option:
         """
         if value is self.default or self.kind in ("given", "text"):
             return value
-        if isinstance(value, str) and value not in self.choices and self.kind in _NUMBERS:
-            with suppress(ValueError):
-                value = _NUMBERS[self.kind](value)
+        if self.kind in _NUMBERS:
+            number, also = _NUMBERS[self.kind]
+            if isinstance(value, (str, also)) and not isinstance(value, (int, float)):
+                with suppress(ValueError):
+                    value = number(value)
         if not self._accepts(value):
             raise UsageError(f"{self.flag} is {str(value)[:100]}; give {self.expected}")
         return value
@@ -128,7 +124,8 @@ class Option:
         return math.isfinite(value) and self.above < value and self.least <= value <= self.most
 
 
-_NUMBERS = {"number": float, "whole": int}
+# What a number is kept as, and what else is one: numpy's.
+_NUMBERS: Mapping[str, Tuple[Any, Any]] = {"number": (float, Real), "whole": (int, Integral)}
 
 
 def _option(default: Any, help: str = "", group: str = "", **about: Any) -> Any:
@@ -151,9 +148,7 @@ class Options:
         "polygons: GeoJSON, KML, KMZ; with the extra 'vector' also shapefile, GeoPackage, DXF. One "
         "result for each",
         MEASURED,
-        kind="given",
-        metavar="FILE",
-        request=None,
+        **_FILE,
     )
     shape: str = _option(
         "auto",
@@ -198,11 +193,7 @@ class Options:
         goes_with="polar",
     )
     hollow: bool = _option(
-        False,
-        "what would hold water is void, not solid",
-        OBJECT,
-        kind="flag",
-        goes_with="section",
+        False, "what would hold water is void, not solid", OBJECT, kind="flag", goes_with="section"
     )
     max_gap: Optional[float] = _option(
         None,
@@ -232,9 +223,7 @@ class Options:
         None,
         "taped distances, positions, scale bars: set the cloud's size right by them first",
         CONTROL,
-        kind="given",
-        metavar="FILE",
-        request=None,
+        **_FILE,
     )
     area_frame: str = _option(
         "cloud",
@@ -323,8 +312,7 @@ def read_options(given: Mapping[str, Any]) -> Options:
 
     Parameters
     ----------
-    given : by name; what is no option's is left alone. ``density`` may be a text with its standard
-        deviation.
+    given : values by name, of options and of other things. ``density`` may have its sigma with it.
 
     Raises
     ------
@@ -342,17 +330,11 @@ def read_options(given: Mapping[str, Any]) -> Options:
     if isinstance(density, str) and ":" in density:
         values["density"], _, values["density_sigma"] = density.partition(":")
     read = {name: OPTIONS[name].read(value) for name, value in values.items()}
-    return check_options(Options(**read))
+    return _consistent(Options(**read))
 
 
-def check_options(options: Options) -> Options:
-    """Return the options, or say which contradict each other.
-
-    Raises
-    ------
-    UsageError
-        In one line, with the command line's names of the options.
-    """
+def _consistent(options: Options) -> Options:
+    """Return the options, or raise UsageError for those that contradict each other."""
     given = options.given()
     density = options.density
     if density is not None and density > _DENSEST:

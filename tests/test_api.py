@@ -139,6 +139,16 @@ def test_what_an_option_may_not_be_is_said(given, said):
         read_options(given)
 
 
+def test_numbers_of_numpy_are_numbers():
+    read = read_options({"slices": np.int64(7), "max_gap": np.float32(0.5), "base": np.float64(99)})
+    assert (read.slices, read.max_gap, read.base) == (7, 0.5, 99.0)
+    assert {type(read.slices), type(read.max_gap)} == {int, float}
+    with pytest.raises(UsageError, match="give auto or 1 to 10000"):
+        read_options({"slices": np.float32(7.0)})
+    with pytest.raises(UsageError, match="give triangulate"):
+        read_options({"base": np.zeros(3)})
+
+
 def test_given_options_are_those_off_their_defaults():
     assert Options().given() == {}
     area = np.zeros((2, 2))  # no comparison of its own is asked
