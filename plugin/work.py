@@ -16,9 +16,9 @@ from pathlib import Path
 from .checks import area_key
 from .documents import SCHEMA
 from .folders import HEARTBEAT_S, JobFolder
+from .quantify_client import measure
 from .quantify_client.crs import require_crs
 from .quantify_client.errors import CloudError, QuantifyError
-from .quantify_client.pipeline import measure
 from .quantify_client.report.document.measurement import to_json
 from .quantify_client.types import Options
 from .quantify_client.webmap.layers import map_layers

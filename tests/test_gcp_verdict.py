@@ -9,7 +9,7 @@ import pytest
 import sized
 from terrains import cone
 
-from quantify_client.pipeline import convert_control
+from quantify_client import convert_control
 
 pytestmark = pytest.mark.one_python
 

@@ -16,10 +16,9 @@ from commands import UTM, features
 from terrains import Errors, cone, survey
 from webodm import PASSWORD, USER, VIEWER, WebODM
 
-from quantify_client import measure
+from quantify_client import describe, measure, scale
 from quantify_client.cloud.ept import index as ept_index
 from quantify_client.errors import CloudError, OutputError, QuantifyError, ServerError, UsageError
-from quantify_client.pipeline import describe, scale
 from quantify_client.report import to_json
 from quantify_client.sfm.servers import limits, patience, webodm_cloud
 from quantify_client.sfm.servers.access import Access

@@ -1,4 +1,4 @@
-"""Credentials: from the environment, a file or, for those who must, the command line."""
+"""Credentials: from the environment, a file or the command line."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def token_of(given: argparse.Namespace) -> Optional[str]:
 
 
 def node_token(given: argparse.Namespace) -> Optional[str]:
-    """Return the token of a node; what is given on the command line wins, in the URL it is last."""
+    """Return the token of a node: of the command line, else the environment, else the URL."""
     apart = token_of(given) or os.environ.get(NODE_TOKEN, "").strip() or None
     _require_text(apart)
     return split_token(getattr(given, "node", None) or "", apart)[1]
@@ -37,7 +37,7 @@ def node_token(given: argparse.Namespace) -> Optional[str]:
 def access_of(given: argparse.Namespace) -> Access:
     """Return how to get into a WebODM server: a token that is given, else the environment's.
 
-    Where no source is on a server the environment is left alone, mistakes in it too.
+    When no source is on a server the environment is not read: a mistake in it does not matter.
     """
     token = token_of(given)
     _require_text(token)
@@ -54,7 +54,7 @@ def access_of(given: argparse.Namespace) -> Access:
 
 
 def _require_text(*secrets: Optional[str]) -> None:
-    """Refuse what no request can hold; the message tells nothing of it."""
+    """Raise InputError for what is not UTF-8, which no request can hold; it is not shown."""
     try:
         "".join(secret or "" for secret in secrets).encode()
     except UnicodeEncodeError:

@@ -6,11 +6,11 @@ Frozen dataclasses only. Lengths, areas and volumes are in metres unless a name 
 
 from __future__ import annotations
 
+from ..options import Options
 from .arrays import FloatArray, IntArray
 from .cloud import MAX_COORDINATE, Bounds, Chunk, CloudInfo, CrsPart, Faces, Window
 from .control import ControlAccount
 from .notice import Notice
-from .options import Options
 from .results import (
     AreaFailure,
     AreaResult,

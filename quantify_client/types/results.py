@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .arrays import FloatArray
+from .notebook import Notebook
 from .scaling import Scaling
 
 __all__ = [
@@ -193,8 +194,8 @@ class AreaResult:
     checks: Sequence[Check] = ()
     warnings: Sequence[str] = ()
     bases: Sequence[AreaResult] = ()
-    relief: Optional[Relief] = None
-    solid: Optional[Solid] = None
+    relief: Optional[Relief] = field(default=None, repr=False, compare=False)
+    solid: Optional[Solid] = field(default=None, repr=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -205,8 +206,8 @@ class AreaFailure:
     error: str
 
 
-@dataclass(frozen=True)
-class Measurement:
+@dataclass(frozen=True, repr=False)
+class Measurement(Notebook):
     """All results of one call of :func:`quantify_client.measure`.
 
     ``crs`` is ``EPSG:n``, WKT or None. ``provenance`` has version, options, input, started and
@@ -222,7 +223,7 @@ class Measurement:
     grid_scale_factor: Optional[float]
     results: Sequence[Union[AreaResult, AreaFailure]]
     warnings: Sequence[str]
-    provenance: Mapping[str, Any]
+    provenance: Mapping[str, Any] = field(compare=False)
     scale: Optional[Scaling] = None
     frame: Optional[Any] = field(default=None, repr=False, compare=False)
 

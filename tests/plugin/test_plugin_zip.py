@@ -191,7 +191,7 @@ def test_measuring_and_its_layers_need_no_drawing_terminal_or_server_packages(un
     cloud = ROOT / "quantify_client" / "demo" / "brighton_beach.laz"
     areas = ROOT / "quantify_client" / "demo" / "areas.geojson"
     code = (
-        "from plugins.volcalc.quantify_client.pipeline import measure\n"
+        "from plugins.volcalc.quantify_client import measure\n"
         "from plugins.volcalc.quantify_client.webmap import clicked\n"
         "from plugins.volcalc.quantify_client.report.document.measurement import to_json\n"
         "from plugins.volcalc.quantify_client.webmap.layers import map_layers\n"

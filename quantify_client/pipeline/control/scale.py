@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import datetime, timezone
 from itertools import product
 from pathlib import Path
@@ -19,12 +19,11 @@ from ...crs import PlacedFrame, measuring_frame
 from ...errors import AreaError, UsageError
 from ...files.reading import real_path
 from ...files.writing import require_replaceable
-from ...options import check_options
+from ...options import Options, read_options
 from ...report.document.geojson import outlines_document
 from ...sfm.servers.access import Access
 from ...source import Source, open_source
-from ...types import AreaFailure, Bounds, FloatArray, Options, Scaled
-from ...types.notice import Notice
+from ...types import AreaFailure, Bounds, FloatArray, Notice, Scaled
 from ..common import cloud_warnings, provenance
 from ..drawn import drawn_areas
 from ..streaming import Progress
@@ -71,16 +70,8 @@ def scale(
     QuantifyError
         One line that says what was found, what was expected and what to do.
     """
+    options = read_options(locals())
     started, clock = datetime.now(timezone.utc), time.perf_counter()
-    asked = Options(
-        gcp=gcp,
-        area=area,
-        scale_mode=scale_mode,
-        crs=crs,
-        source_unit=source_unit,
-        vertical_unit=vertical_unit,
-    )
-    options = check_options(asked)
     report = progress or (lambda stage, share: None)
     target = None if out is None else Path(out)
     _require_free(target, [*map(Path, sources), Path(gcp)], area)
@@ -215,7 +206,7 @@ def _moving(
         return _Moving()
     if options.area is None:
         return _Moving(notes=[_no_longer_fits(placement)])
-    found = drawn_areas(source, placement.frame, replace(options, area_frame="cloud"), report)
+    found = drawn_areas(source, placement.frame, options, report)
     failures = tuple(area for area in found.areas if isinstance(area, AreaFailure))
     areas = [area for area in found.areas if isinstance(area, Area)]
     if not areas:

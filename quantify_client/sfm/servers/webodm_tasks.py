@@ -1,4 +1,4 @@
-"""Tasks on a WebODM server: the same small interface as a node has (see `jobs.servers`).
+"""Tasks on a WebODM server: the same small interface as a node has (see `jobs.job`).
 
 What differs, and what is made of it:
 

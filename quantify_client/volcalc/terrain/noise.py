@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from scipy import ndimage, optimize
+from scipy import ndimage
 
 from ...types import FloatArray
 from .robust import quantile
@@ -270,9 +270,11 @@ def _explain(
 def _non_negative(columns: FloatArray, right: FloatArray) -> FloatArray:
     """Return the non-negative least-squares shares (C, T) of each trial's columns in its right."""
     if len(columns) != 2:
+        from scipy.optimize import nnls  # late: it takes as long as measuring a small cloud
+
         norm = np.sqrt((columns**2).sum(axis=2))
         each = zip((columns / norm[:, :, None]).transpose(1, 2, 0), right)
-        shares = np.array([optimize.nnls(matrix, values)[0] for matrix, values in each])
+        shares = np.array([nnls(matrix, values)[0] for matrix, values in each])
         return np.asarray(shares.T / norm)
     a, b = columns
     aa, ab, bb = (a * a).sum(axis=1), (a * b).sum(axis=1), (b * b).sum(axis=1)
