@@ -57,8 +57,6 @@ def measure_whole_body(
     source: Source, frame: Frame, options: Options, report: Progress
 ) -> Measurement:
     """Return the measurement of the body whose surface the whole cloud is."""
-    level = placed_level(frame, options, options.floor, cloud_window(source, frame))
-    options = replace(options, floor="auto" if level is None else level)
     by_faces = measure_faces(source, frame, options, report)
     if isinstance(by_faces, ByFaces):
         method, (result, left_out, factor, warnings) = "faces", by_faces
@@ -92,7 +90,7 @@ def _factor_and_recipe(
         slice_height=options.slice_height,
         hollow=options.hollow,
         max_gap=options.max_gap,
-        floor=options.floor,
+        floor=placed_level(frame, options, options.floor, cloud_window(source, frame)),
         accuracy=options.accuracy,
         center_caps=options.center_caps,
         ground_factor=factor or 1.0,
