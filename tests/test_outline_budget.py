@@ -94,7 +94,7 @@ def plugin_checks(monkeypatch):
     package = types.ModuleType("plugin_alone")
     package.__path__ = [str(Path(__file__).parents[1] / "plugin")]
     monkeypatch.setitem(sys.modules, "plugin_alone", package)
-    return importlib.import_module("plugin_alone.checks")
+    return importlib.import_module("plugin_alone.files.asked")
 
 
 def test_spike_that_passes_the_plugins_check_is_refused(cloud, monkeypatch):

@@ -8,11 +8,12 @@ from rest_framework import exceptions, status
 from rest_framework.parsers import BaseParser
 from rest_framework.response import Response
 
-from .folders import JobFolder, sweep
-from .shapes import MisshapenError, read_json
-from .store import BusyError, disk_words, is_id
+from ..files.folders import JobFolder, sweep
+from ..files.shapes import MisshapenError, read_json
+from ..files.store import BusyError, disk_words, is_id
 
 __all__ = [
+    "PACKAGE",
     "TooLarge",
     "VolumeView",
     "jobs_root",
@@ -26,6 +27,9 @@ __all__ = [
 _MOST_BODY = 2_500_000
 
 COMPLETED = 40
+
+#: The plugin's own package, as WebODM has loaded it: "plugins.volcalc".
+PACKAGE = __package__.rpartition(".")[0]
 
 
 class TooLarge(exceptions.APIException):
@@ -57,7 +61,7 @@ def plugin_here():
     """Return this plugin as WebODM knows it."""
     from app.plugins.functions import get_plugin_by_name
 
-    name = __package__.split(".")[-1]
+    name = PACKAGE.split(".")[-1]
     plugin = get_plugin_by_name(name, only_active=False, refresh_cache_if_none=True)
     if plugin is None:
         raise exceptions.APIException("the plugin is not loaded; restart WebODM")

@@ -6,7 +6,7 @@ The file lies among the task's assets, and an imported all.zip may carry anythin
 import base64
 import binascii
 
-from .checks import MOST_CRS, area_key, checked_area, checked_control, checked_name
+from .asked import MOST_CRS, area_key, checked_area, checked_control, checked_name
 from .shapes import (
     Flag,
     Lines,

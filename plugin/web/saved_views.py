@@ -8,14 +8,11 @@ from django.http import HttpResponse
 from rest_framework import exceptions
 from rest_framework.renderers import JSONRenderer
 
-from . import records
-from .base import VolumeView, jobs_root, plugin_here, refused
-from .checks import checked_control, checked_name, checked_options
-from .documents import checked_document, read_document, write_document
-from .entries import Budget, TooLargeError, UnreadError, entry_of
-from .shapes import MisshapenError
-from .starting import start
-from .store import (
+from ..files.asked import checked_control, checked_name
+from ..files.documents import checked_document, read_document, write_document
+from ..files.entries import Budget, TooLargeError, UnreadError, entry_of
+from ..files.shapes import MisshapenError
+from ..files.store import (
     UnreadableError,
     is_id,
     one_at_a_time,
@@ -24,6 +21,10 @@ from .store import (
     saved_paths,
     why_full,
 )
+from . import records
+from .base import PACKAGE, VolumeView, jobs_root, plugin_here, refused
+from .checks import checked_options
+from .starting import start
 
 __all__ = ["Again", "Export", "Measurements", "OneMeasurement"]
 
@@ -188,7 +189,7 @@ class Export(VolumeView):
         if kind not in _TYPES or units not in ("metric", "us"):
             raise MisshapenError("give format=csv, geojson or html, and units=metric or us")
         names = records.names(plugin_here(), task)
-        pages = importlib.import_module(f"{__package__}.quantify_client.report.document.saved")
+        pages = importlib.import_module(f"{PACKAGE}.quantify_client.report.document.saved")
         with _reading():
             document = _shown(request, _read(task, saved), names)
             text = pages.exported(document, kind, units)

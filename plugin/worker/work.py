@@ -13,17 +13,17 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from .checks import area_key
-from .documents import SCHEMA
-from .folders import HEARTBEAT_S, JobFolder
-from .quantify_client.crs import require_crs
-from .quantify_client.errors import CloudError, QuantifyError
-from .quantify_client.pipeline import measure
-from .quantify_client.report.document.measurement import to_json
-from .quantify_client.types import Options
-from .quantify_client.webmap.layers import map_layers
+from ..files.asked import area_key
+from ..files.documents import SCHEMA
+from ..files.folders import HEARTBEAT_S, JobFolder
+from ..files.store import MOST_BYTES, disk_words, write_json
+from ..quantify_client.crs import require_crs
+from ..quantify_client.errors import CloudError, QuantifyError
+from ..quantify_client.pipeline import measure
+from ..quantify_client.report.document.measurement import to_json
+from ..quantify_client.types import Options
+from ..quantify_client.webmap.layers import map_layers
 from .stopping import stop_process
-from .store import MOST_BYTES, disk_words, write_json
 
 __all__ = ["run", "sized"]
 
@@ -215,13 +215,13 @@ def _control_file(folder, asked, cloud, progress):
     if control is None:
         return None
     if "scale_bars" in control:
-        from .quantify_client.webmap.clicked import bars_control
+        from ..quantify_client.webmap.clicked import bars_control
 
         path = folder.path / "control.json"
         said = Options(**{key: asked["options"].get(key) for key in _SAYING})
         write_json(path, bars_control(cloud, control["scale_bars"], progress, options=said))
         return str(path)
-    from .quantify_client.scaler.control.read import require_self_contained
+    from ..quantify_client.scaler.control.read import require_self_contained
 
     path = folder.path / control["name"]
     path.write_text(control["text"], encoding="utf-8")

@@ -4,14 +4,14 @@ import contextlib
 import logging
 import os
 
-from .base import COMPLETED, jobs_root, refused
+from ..files.asked import LIMITS, checked_area, polygon_area
+from ..files.folders import new_job
+from ..files.shapes import MisshapenError, read_json
+from ..files.store import UnreadableError, one_at_a_time, read_capped, read_head
+from ..worker.job import run_job
+from .base import COMPLETED, PACKAGE, jobs_root, refused
 from .broker import BrokerError, enqueue
-from .checks import LIMITS, checked_area, polygon_area
-from .folders import new_job
-from .job import run_job
 from .listing import message_of, settle, slots_taken
-from .shapes import MisshapenError, read_json
-from .store import UnreadableError, one_at_a_time, read_capped, read_head
 
 __all__ = ["area_of", "crop_of", "has_crs", "reason_not", "sources_of", "start"]
 
@@ -124,7 +124,7 @@ def start(request, task, *, area, options, control, name):
     }
     folder = _admitted(root, about, asked)
     try:
-        where = (__package__, os.path.abspath(root), folder.job)
+        where = (PACKAGE, os.path.abspath(root), folder.job)
         enqueue(run_job, *where, message=message_of(folder.job))
     except BrokerError:
         # A job that is in no queue would wait, and count, for ever.

@@ -11,7 +11,7 @@ import json
 import os
 import re
 
-from .checks import checked_name
+from .asked import checked_name
 from .documents import HEAD, checked_document, checked_front, parsed
 from .shapes import (
     Flag,

@@ -4,9 +4,9 @@ import time
 import uuid
 from datetime import datetime, timezone
 
+from ..files.folders import ENDED, KEPT_DAYS, QUEUED_LOST_S, all_jobs
+from ..files.store import write_json
 from . import broker
-from .folders import ENDED, KEPT_DAYS, QUEUED_LOST_S, all_jobs
-from .store import write_json
 
 __all__ = ["job_row", "message_of", "own_rows", "settle", "slots_taken"]
 

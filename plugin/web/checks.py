@@ -1,0 +1,72 @@
+"""The options that a request may ask for, checked before anything is started or written."""
+
+import re
+import unicodedata
+
+from ..files.asked import MOST_CRS
+from ..files.shapes import Flag, MisshapenError, Number, OneOf, Record, Text, Whole
+
+__all__ = ["checked_options"]
+
+_UNITS = ("m", "cm", "mm", "ft", "us-ft")
+
+_EPSG = re.compile(r"EPSG:\d{1,6}(\+\d{1,6})?", re.IGNORECASE)
+_WKT = re.compile(r"[A-Z_]{5,20} ?\[.*\]", re.IGNORECASE)
+# PROJ opens the files that these name, in a PROJ text and in one that a WKT carries.
+_NAMES_FILE = re.compile(
+    r"PARAMETERFILE|\b(?:init|file|catalog) ?=|grids ?=(?! ?@null\b)|pipeline", re.IGNORECASE
+)
+_PROJ = re.compile(r"\+proj=\w{1,20}(?: \+?\w{1,12}(?:=[\w.,'+-]{1,120}|=@null)?)*")
+
+
+class _Crs:
+    """A CRS as a text that leads to no file: codes of EPSG, WKT, or PROJ's parameters."""
+
+    def clean(self, value, where):
+        """Return the text on one line."""
+        text = " ".join(Text(MOST_CRS, 1).clean(value, where).split())
+        written = any(shape.fullmatch(text) for shape in (_EPSG, _WKT, _PROJ))
+        hidden = any(unicodedata.category(letter)[0] == "C" for letter in text)
+        if not written or hidden or _NAMES_FILE.search(text):
+            raise MisshapenError(
+                f"{where} has to be EPSG:n, EPSG:n+m, WKT or a PROJ text (+proj=...), and may name "
+                "no file"
+            )
+        return text
+
+
+_OPTIONS = Record(
+    {
+        "shape": Text(among=("auto", "object", "terrain")),
+        "method": Text(among=("section", "polar")),
+        "slices": OneOf(Whole(1, 1000), Text(among=("auto",))),
+        "slice_height": Number(above=0, most=10_000),
+        "base": OneOf(
+            Number(-20_000, 20_000),
+            Text(among=("triangulate", "plane", "average", "lowest", "highest", "compare")),
+        ),
+        "center_caps": Flag(),
+        "hollow": Flag(),
+        "max_gap": Number(above=0, most=10_000),
+        "floor": OneOf(Number(-20_000, 20_000), Text(among=("auto", "none", "plane"))),
+        "grid": Flag(),
+        "area_frame": Text(among=("cloud", "control")),
+        "scale_mode": Text(among=("auto", "scale", "shift", "full")),
+        "crs": _Crs(),
+        "vertical_unit": Text(among=_UNITS),
+        "source_unit": Text(among=_UNITS),
+        "density": Number(above=0, most=22.6),
+        "density_sigma": Number(0, 100),
+    },
+    required=(),
+    strict=True,
+)
+
+
+def checked_options(options):
+    """Return the options without those that are null."""
+    if options is None:
+        return {}
+    if isinstance(options, dict):
+        options = {key: value for key, value in options.items() if value is not None}
+    return _OPTIONS.clean(options, "options")
