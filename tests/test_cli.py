@@ -17,7 +17,7 @@ from terrains import EAST, LEVEL, circle, placed
 def test_json_holds_the_volume_and_what_decides_it(site, document):
     told = document("volume", site / "pile.laz", "--area", site / "pile.geojson")
     result = only(told)
-    assert (told["schema"], told["crs"], told["length_unit"]) == ("quantify-client/1", UTM, "m")
+    assert (told["schema"], told["crs"], told["length_unit"]) == ("quantify-client/2", UTM, "m")
     assert (told["shape"], told["scale"], result["name"]) == ("terrain", None, "pile")
     k = told["grid_scale_factor"]
     # On the central meridian k is 0.9996; k R / (R + h) at 102 m is 16e-6 less.

@@ -16,6 +16,7 @@ from ..pipeline import measure
 from ..report import require_writable
 from ..report.wording.words import printable
 from ..sfm.servers.access import Access
+from ..types import SCHEMA
 from .access import access_of, node_token
 from .job_display import shown_job
 from .kept import FILES, REPORT, finished, kept_options, kept_units, require_own_files
@@ -58,7 +59,7 @@ def resume(given: argparse.Namespace) -> int:
             access=_access(folder, given),
             confirmed=_confirmed(given),
         )
-        document = {"schema": "quantify-client/1", "state": load(folder).state, "said": said}
+        document = {"schema": SCHEMA, "state": load(folder).state, "said": said}
         print(json.dumps(document, indent=2) if given.json else printable(said))
         return 0
     given.units = kept_units(folder, load(folder))

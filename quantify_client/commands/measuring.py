@@ -12,9 +12,8 @@ from rich.console import Console
 
 from ..pipeline import describe, measure
 from ..report import print_scaling, print_table, require_writable, to_json, write_report
-from ..report.document.plain import plain
 from ..report.wording.words import coordinate_rows, printable
-from ..types import AreaFailure, Measurement
+from ..types import AreaFailure, Measurement, plain, warnings_json
 from .access import access_of
 from .shown import complain, stages
 
@@ -119,7 +118,8 @@ def info(given: argparse.Namespace) -> int:
             access=access_of(given),
         )
     if given.json:
-        print(json.dumps(plain(found), indent=2, allow_nan=False))
+        told = {**plain(found), "warnings": warnings_json(found["warnings"])}
+        print(json.dumps(told, indent=2, allow_nan=False))
         return 0
     console = Console()
     for key, value in _rows(found):

@@ -8,7 +8,7 @@ from typing import Any, Mapping, Optional, Sequence, Union
 from ..errors import OutputError
 from ..files.writing import put_in_place, require_replaceable, scratch, staging
 from ..types import Scaling
-from .document.scaling import scale_document
+from .document.measurement import scale_document
 from .wording.units import named_units
 from .wording.words import printable
 

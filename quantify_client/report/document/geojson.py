@@ -9,10 +9,8 @@ from shapely.geometry.polygon import orient
 
 from ...errors import CrsError
 from ...files.writing import GENERATOR
-from ...types import AreaFailure, AreaResult, Measurement
-from .flat import flat_properties
-from .measurement import to_json
-from .plain import plain
+from ...types import AreaFailure, AreaResult, Measurement, plain
+from .measurement import flat_properties, to_json
 
 if TYPE_CHECKING:
     from ...crs import Frame

@@ -10,8 +10,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple, Union
 
-from ...types import AreaFailure, AreaResult, Measurement
-from ..document.plain import plain
+from ...types import AreaFailure, AreaResult, Measurement, plain
 from ..wording.kinds import in_units, kind_of, lines_of_kinds, said_of_results
 from ..wording.scaling import factor_words
 from ..wording.units import NOTHING, Units

@@ -30,7 +30,8 @@ def render_scale_html(
     if document["out"] is not None:
         chips.append(("Scaled cloud", text(document["out"])))
     # Those of the scaling itself are in its card.
-    warnings = [warning for warning in document["warnings"] if warning not in scaling.warnings]
+    said = [warning["text"] for warning in document["warnings"]]
+    warnings = [warning for warning in said if warning not in scaling.warnings]
     yield page_top(f"Scale: {document['source']}")
     yield page_header("Scale report", document["source"], chips, warnings)
     yield scale_section(scaling, units, picture)

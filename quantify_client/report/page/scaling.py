@@ -125,10 +125,10 @@ def _observations(scaling: Scaling, units: Units) -> str:
 
 
 def _cells(row: Row, units: Units) -> List[str]:
-    carries = row.carries
-    shown = percent(carries)
-    if carries is not None:
-        shown = f'{bar(carries)} <span class="share">{shown}</span>'
+    contribution = row.contribution
+    shown = percent(contribution)
+    if contribution is not None:
+        shown = f'{bar(contribution)} <span class="share">{shown}</span>'
     return [
         text(row_words(row)),
         _graded("bad", text(remark(row))) if row.outlier else text(remark(row)),

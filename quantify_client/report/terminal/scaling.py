@@ -141,7 +141,7 @@ def _cells(console: Console, row: Row, units: Units) -> List[Text]:
         apart.join([text(words) for words in sigma_words(row, units).split(" ")]),
         size,
         text(percent(row.redundancy)),
-        text(percent(row.carries)),
+        text(percent(row.contribution)),
         text(remark(row)),
     ]
 
@@ -162,7 +162,7 @@ def _print_lines(console: Console, row: Row, units: Units) -> None:
         f"residual {', '.join(residual_words(row, units))} {units.length}",
         f"{sigmas_words(row)} \u03c3",
         f"redundancy {percent(row.redundancy)}",
-        f"carries {percent(row.carries)}",
+        f"carries {percent(row.contribution)}",
         remark(row),
     ]
     say(console, f"  {'; '.join(part for part in parts if part)}")

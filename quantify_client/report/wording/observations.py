@@ -56,9 +56,9 @@ class Row:
         return sum(known) / len(known) if known else None
 
     @property
-    def carries(self) -> Optional[float]:
+    def contribution(self) -> Optional[float]:
         """The sum of its numbers' shares; None where none was in the fit."""
-        known = _known([part.carries for part in self.parts])
+        known = _known([part.contribution for part in self.parts])
         return min(sum(known), 1.0) if known else None
 
     @property

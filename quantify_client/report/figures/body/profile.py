@@ -9,7 +9,6 @@ import numpy as np
 from matplotlib.collections import PolyCollection
 
 from ....types import AreaResult, Solid
-from ...document.measurement import interval95
 from ...wording.units import Units, number
 from ..look import FAINT, INK, MUTED, heights, limits_with_margin, ticks
 from ..terrain.profile import SEPARATE, slice_bars
@@ -57,7 +56,7 @@ def draw_convergence(axes: Any, result: AreaResult, solid: Solid, units: Units) 
     volumes = np.array([v for _, v in rows]) * units.volume_per_m3
     counts = [n for n, _ in rows]
     result_volume = result.volume_m3 * units.volume_per_m3
-    ends = [e * units.volume_per_m3 for e in interval95(result.volume_m3, result.std_m3) or []]
+    ends = [e * units.volume_per_m3 for e in result.interval95_m3 or []]
     if ends:
         axes.axhspan(*ends, color=FAINT, linewidth=0, label="95 % interval")
     axes.axhline(result_volume, color=INK, linewidth=1.2, dashes=(5, 2.5), label="result")

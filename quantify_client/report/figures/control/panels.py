@@ -36,7 +36,7 @@ def kinds_of(scaling: Scaling) -> List[str]:
 
 def draw_carries(axes: Any, scaling: Scaling) -> None:
     """Draw the share of the scale that each of the most important observations carries."""
-    rows = [(row, row.carries or 0.0) for row in rows_of(scaling)]
+    rows = [(row, row.contribution or 0.0) for row in rows_of(scaling)]
     rows = sorted((r for r in rows if r[1] > 0.0), key=lambda r: -r[1])
     shown = rows[:SHOWN]
     axes.set_title("What carries the scale")

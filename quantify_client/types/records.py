@@ -1,0 +1,297 @@
+"""Dataclasses as JSON: their fields are the one definition of what the documents hold.
+
+`record_of` makes the shape of a dataclass from its annotations; that shape writes it, reads it,
+checks what anybody may have written, and has the JSON Schema. A field's annotation says what JSON
+needs beyond its type::
+
+    east: Annotated[float, Key("east_m"), "Metres from the middle of the control."]
+
+A text is the description; a :class:`~quantify_client.types.shapes.Shape` takes the place of that
+of the type; `Key` is another name in JSON; `Length` bounds what is read; `LEFT_OUT` keeps a field
+out of JSON. A property with an annotated type is written, too, and computed anew when read.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import inspect
+from typing import (
+    Any,
+    Dict,
+    List,
+    Mapping,
+    NamedTuple,
+    Optional,
+    Sequence,
+    Set,
+    Tuple,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
+
+from .shapes import (
+    Anything,
+    Either,
+    Flag,
+    Listed,
+    Mapped,
+    Maybe,
+    Number,
+    OneOf,
+    Record,
+    Shape,
+    Text,
+    Whole,
+)
+
+__all__ = [
+    "LEFT_OUT",
+    "SCHEMA",
+    "DataRecord",
+    "Key",
+    "Length",
+    "Only",
+    "Spread",
+    "document",
+    "document_schema",
+    "record_of",
+]
+
+#: Of every JSON document; quantify-client/1 is still read.
+SCHEMA = "quantify-client/2"
+
+#: The mark of a field that is not in JSON.
+LEFT_OUT = object()
+
+_SIMPLE: Mapping[Any, Shape] = {
+    **{float: Number(), int: Whole(), bool: Flag(), str: Text(), Any: Anything()}
+}
+_records: Dict[Any, DataRecord] = {}
+
+
+class Key(NamedTuple):
+    """The name that a field has in JSON, and one that it had in an older schema."""
+
+    name: str
+    was: Optional[str] = None
+
+
+class Length(NamedTuple):
+    """How many entries of a list or an object are read at most, and at least."""
+
+    most: int
+    least: int = 0
+
+
+class Only(NamedTuple):
+    """The keys of the rows of a list that are in JSON; the list is null there when it is empty."""
+
+    keys: Tuple[str, ...]
+
+
+class Spread(Shape):
+    """The shape of a field that has several keys in JSON, of which some are there."""
+
+    #: The keys, and what each may be.
+    parts: Mapping[str, Shape]
+    #: The keys that are there together, in JSON Schema's words.
+    rule: Mapping[str, Any]
+
+
+class _Rows(Listed):
+    """A list of some keys of a dataclass; it is null in JSON when it is empty."""
+
+    def __init__(self, kind: Any, only: Only) -> None:
+        self.most, self.least, self.fixed = 20, 0, False
+        self._of = kind, only.keys
+
+    @functools.cached_property
+    def inner(self) -> Shape:  # type: ignore[override]
+        """The shape of a row: made late, for a dataclass may have rows of its own kind."""
+        return DataRecord(*self._of)
+
+    def clean(self, value: Any, where: str) -> Any:
+        return None if value is None else super().clean(value, where)
+
+    def write(self, value: Any) -> Any:
+        return super().write(value) or None
+
+    def read(self, value: Any) -> Any:
+        return super().read(value or ())
+
+    def schema(self, definitions: Dict[str, Any]) -> Dict[str, Any]:
+        return {**super().schema(definitions), "type": ["array", "null"], "minItems": 1}
+
+
+class _Item(NamedTuple):
+    """A field or property of a dataclass; a property has no default and is not read."""
+
+    name: str
+    key: Key
+    shape: Shape
+    about: str
+    is_field: bool
+    default: Any
+
+
+class DataRecord(Record):
+    """The shape of a dataclass; with `only` of some of its keys."""
+
+    def __init__(self, kind: Any, only: Sequence[str] = ()) -> None:
+        self.kind = kind
+        self.items = [item for item in _items(kind) if not only or item.key.name in only]
+        fields: Dict[str, Shape] = {}
+        optional: Set[str] = set()
+        for item in self.items:
+            if isinstance(item.shape, Spread):
+                fields.update(item.shape.parts)
+                optional.update(item.shape.parts)
+            else:
+                fields[item.key.name] = item.shape
+        known = [item for item in self.items if item.default is not dataclasses.MISSING]
+        defaults = {item.key.name: item.shape.write(item.default) for item in known}
+        required = [key for key in fields if key not in defaults and key not in optional]
+        formerly = {item.key.was: item.key.name for item in self.items if item.key.was}
+        super().__init__(fields, required, defaults=defaults, formerly=formerly)
+
+    def write(self, value: Any) -> Dict[str, Any]:
+        """Return the dataclass as an object."""
+        row: Dict[str, Any] = {}
+        for item in self.items:
+            written = item.shape.write(getattr(value, item.name))
+            row.update(written if isinstance(item.shape, Spread) else {item.key.name: written})
+        return row
+
+    def read(self, value: Any) -> Any:
+        """Return a clean object as the dataclass; fields that it does not have are empty."""
+        found = {}
+        for item in self.items:
+            if item.is_field:
+                own = value if isinstance(item.shape, Spread) else value[item.key.name]
+                found[item.name] = item.shape.read(own)
+        for item in _items(self.kind):
+            if item.is_field and item.default is dataclasses.MISSING:
+                found.setdefault(item.name, item.shape.empty)
+        return self.kind(**found)
+
+    def scalars(self) -> List[str]:
+        """Return the keys of numbers and texts: neither lists nor objects."""
+        found = []
+        for key, shape in self.fields.items():
+            shape = shape.inner if isinstance(shape, Maybe) else shape
+            if isinstance(shape, (Number, Text, Flag, OneOf)):
+                found.append(key)
+        return found
+
+    def schema(self, definitions: Dict[str, Any]) -> Dict[str, Any]:
+        """Return a reference to its definition, which is made when there is none."""
+        name = self.kind.__name__
+        if len(self.items) < len(_items(self.kind)):
+            return self._object(definitions)
+        if name not in definitions:
+            definitions[name] = {}  # its place, before those that it refers to
+            definitions[name] = self._object(definitions)
+        return {"$ref": f"#/$defs/{name}"}
+
+    def _object(self, definitions: Dict[str, Any]) -> Dict[str, Any]:
+        told = super().schema(definitions)
+        told["description"] = inspect.cleandoc(self.kind.__doc__ or "").partition("\n\n")[0]
+        for item in self.items:
+            if isinstance(item.shape, Spread):
+                told.update(item.shape.rule)
+            elif item.about:
+                told["properties"][item.key.name]["description"] = item.about
+        told["required"] = [key for key in self.fields if key in {*self.required, *self.defaults}]
+        return told
+
+
+def record_of(kind: Any) -> DataRecord:
+    """Return the shape of a dataclass, made once."""
+    if kind not in _records:
+        _records[kind] = DataRecord(kind)
+    return _records[kind]
+
+
+@functools.cache
+def _items(kind: Any) -> Tuple[_Item, ...]:
+    hints = get_type_hints(kind, include_extras=True)
+    found = [
+        _item(field.name, hints[field.name], True, field.default)
+        for field in dataclasses.fields(kind)
+        if LEFT_OUT not in _marks(hints[field.name])
+    ]
+    for name, value in vars(kind).items():
+        if isinstance(value, property):
+            hint = get_type_hints(value.fget, include_extras=True).get("return")
+            if _marks(hint):
+                found.append(_item(name, hint, False, dataclasses.MISSING))
+    return tuple(found)
+
+
+def _marks(hint: Any) -> Tuple[Any, ...]:
+    """Return what an annotation says beyond the type."""
+    return getattr(hint, "__metadata__", ())
+
+
+def _item(name: str, hint: Any, is_field: bool, default: Any) -> _Item:
+    marks = _marks(hint)
+    key = next((mark for mark in marks if isinstance(mark, Key)), Key(name))
+    about = " ".join(mark for mark in marks if isinstance(mark, str))
+    return _Item(name, key, _shape(hint), about, is_field, default)
+
+
+def _shape(hint: Any) -> Shape:
+    """Return the shape of a type."""
+    marks = _marks(hint)
+    hint = get_args(hint)[0] if marks else hint
+    for mark in reversed(marks):
+        if isinstance(mark, Shape):
+            return mark
+        if isinstance(mark, Only):
+            return _Rows(get_args(hint)[0], mark)
+    if hint in _SIMPLE:
+        return _SIMPLE[hint]
+    if dataclasses.is_dataclass(hint):
+        return record_of(hint)
+    length = next((mark for mark in marks if isinstance(mark, Length)), Length(100))
+    return _compound(get_origin(hint), get_args(hint), length)
+
+
+def _compound(origin: Any, inner: Tuple[Any, ...], length: Length) -> Shape:
+    if origin is Union:
+        shapes = {kind: _shape(kind) for kind in inner if kind is not type(None)}
+        if len(shapes) == 1:
+            found = next(iter(shapes.values()))
+        elif all(isinstance(shape, Record) for shape in shapes.values()):
+            found = Either(shapes)  # type: ignore[arg-type]
+        else:
+            found = OneOf(*shapes.values())
+        return Maybe(found) if type(None) in inner else found
+    if origin is tuple and inner[-1] is not Ellipsis:
+        return Listed(_shape(inner[0]), len(inner), fixed=True)
+    if issubclass(origin, Mapping):
+        return Mapped(_shape(inner[1]), length.most)
+    return Listed(_shape(inner[0]), length.most, length.least)
+
+
+def document(value: Any) -> Dict[str, Any]:
+    """Return a dataclass as a JSON document, which begins with its schema."""
+    return {"schema": SCHEMA, **record_of(type(value)).write(value)}
+
+
+def document_schema(kind: Any, urn: str, title: str) -> Dict[str, Any]:
+    """Return the JSON Schema of a dataclass's documents."""
+    definitions: Dict[str, Any] = {}
+    told = record_of(kind)._object(definitions)
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "$id": urn,
+        "title": f"{SCHEMA}, {title}",
+        **told,
+        "properties": {"schema": {"const": SCHEMA}, **told["properties"]},
+        "required": ["schema", *told["required"]],
+        "$defs": definitions,
+    }

@@ -1,0 +1,495 @@
+"""What a value of the JSON documents may be: checked, written, read, and told as JSON Schema.
+
+A shape does four things with a value of its kind. ``clean`` checks JSON that anybody may have
+written and returns it rebuilt; ``write`` makes JSON of a Python value and ``read`` the reverse;
+``schema`` is its JSON Schema. `records` makes the shapes of dataclasses from their fields.
+
+Limits that are facts (a share is 0 to 1) are in the schema. How long a text or a list may be is
+not: that only protects whoever reads a stranger's file.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import re
+from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
+
+import numpy as np
+
+from .notice import Notice
+
+__all__ = [
+    "Anything",
+    "Either",
+    "Flag",
+    "Listed",
+    "Mapped",
+    "Maybe",
+    "MisshapenError",
+    "Notices",
+    "Number",
+    "NumberOrNan",
+    "OneOf",
+    "Record",
+    "Shape",
+    "Text",
+    "Whole",
+    "plain",
+]
+
+#: Beyond any site in millimetres, and far from where the square of a number overflows.
+_HUGE = 1e15
+
+# Keys that a record does not know are kept where they look like keys of ours, and up to so many.
+_KEY, _MOST_MORE = re.compile(r"[a-z][a-z0-9_]{0,59}"), 20
+
+
+class MisshapenError(ValueError):
+    """A value is not what it has to be; the text says where and what was expected."""
+
+
+def _inside(place: str, problem: MisshapenError) -> MisshapenError:
+    """Return a problem of something inside as one of what it is in.
+
+    The words of a problem begin with a blank until their place is known: to name it beforehand
+    would take longer than the check itself.
+    """
+    words = str(problem)
+    return MisshapenError(place + words) if words[:1] in (" ", ".", "[") else problem
+
+
+def _name(value: Any) -> str:
+    return type(value).__name__ if value is not None else "null"
+
+
+def plain(value: Any) -> Any:
+    """Return any value in JSON's own types; what has none (a geometry, a path) as text."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if value is None or isinstance(value, (bool, int)):
+        return value
+    if isinstance(value, float):
+        # + 0.0: no "-0.0". 15 digits, which every decimal survives: no 0.30000000000000004.
+        return float(f"{value:.15g}") + 0.0 if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {plain(str(key)): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return [plain(item) for item in value]
+    # Lone surrogates (undecodable file names) are in no UTF-8.
+    return str(value).encode("utf-8", "replace").decode("utf-8")
+
+
+class Shape:
+    """What a value may be; this one may be anything, and others say more."""
+
+    #: What stands for a Python value that is not known.
+    empty: Any = None
+
+    def clean(self, value: Any, where: str) -> Any:
+        """Return JSON that fits, rebuilt; `where` begins the words of a MisshapenError."""
+        return value
+
+    def write(self, value: Any) -> Any:
+        """Return a Python value as JSON."""
+        return plain(value)
+
+    def read(self, value: Any) -> Any:
+        """Return clean JSON as a Python value."""
+        return value
+
+    def schema(self, definitions: Dict[str, Any]) -> Dict[str, Any]:
+        """Return the JSON Schema; what has a name of its own goes among the definitions."""
+        return {}
+
+
+class Number(Shape):
+    """A finite number, perhaps within limits; without them none that is absurdly large."""
+
+    kinds: Tuple[type, ...] = (int, float)
+    words, type_, empty = "a number", "number", math.nan
+
+    def __init__(
+        self,
+        least: Optional[float] = None,
+        most: Optional[float] = None,
+        above: Optional[float] = None,
+        huge: float = _HUGE,
+    ) -> None:
+        self.least, self.most, self.above = least, most, above
+        self._low = -huge if least is None else least
+        self._high = huge if most is None else most
+        if above is not None:
+            self._low = above
+
+    def clean(self, value: Any, where: str) -> Any:
+        """Return the value as it is."""
+        if type(value) is float and self._low < value < self._high and self.kinds is Number.kinds:
+            return value  # nearly all of them
+        if isinstance(value, bool) or not isinstance(value, self.kinds):
+            raise MisshapenError(f"{where} has to be {self.words}, not {_name(value)}")
+        # An integer of hundreds of digits is finite, and no float can hold it.
+        if isinstance(value, int) and abs(value) > 10**15:
+            raise MisshapenError(f"{where} is absurdly large")
+        if not math.isfinite(value):
+            raise MisshapenError(f"{where} has to be finite")
+        if self.above is not None and not value > self.above:
+            raise MisshapenError(f"{where} has to be above {self.above:g}")
+        if value < self._low:
+            raise MisshapenError(f"{where} has to be at least {self._low:g}")
+        if value > self._high:
+            raise MisshapenError(f"{where} has to be at most {self._high:g}")
+        return value
+
+    def schema(self, definitions: Dict[str, Any]) -> Dict[str, Any]:
+        """Return the kind of number and its limits."""
+        limits = {"minimum": self.least, "maximum": self.most, "exclusiveMinimum": self.above}
+        return {"type": self.type_, **{k: end for k, end in limits.items() if end is not None}}
+
+
+class Whole(Number):
+    """A whole number."""
+
+    kinds = (int,)
+    words, type_, empty = "a whole number", "integer", 0
+
+
+class NumberOrNan(Number):
+    """A number that is NaN in Python where it is null in JSON."""
+
+    def clean(self, value: Any, where: str) -> Any:
+        """Return the value as it is."""
+        return None if value is None else super().clean(value, where)
+
+    def read(self, value: Any) -> float:
+        """Return the number, NaN for null."""
+        return math.nan if value is None else float(value)
+
+    def schema(self, definitions: Dict[str, Any]) -> Dict[str, Any]:
+        """Return that of a number or null."""
+        return {**super().schema(definitions), "type": ["number", "null"]}
+
+
+class Flag(Shape):
+    """True or false."""
+
+    def clean(self, value: Any, where: str) -> Any:
+        """Return the value as it is."""
+        if not isinstance(value, bool):
+            raise MisshapenError(f"{where} has to be true or false")
+        return value
+
+    def schema(self, definitions: Dict[str, Any]) -> Dict[str, Any]:
+        """Return that of a boolean."""
+        return {"type": "boolean"}
+
+
+class Text(Shape):
+    """A text of bounded length.
+
+    Parameters
+    ----------
+    among : it has to be one of these.
+    known : what it is today; a later version may have others.
+    """
+
+    empty = ""
+
+    def __init__(
+        self,
+        most: int = 2000,
+        least: int = 0,
+        among: Optional[Sequence[str]] = None,
+        known: Sequence[str] = (),
+    ) -> None:
+        self.most, self.least, self.among, self.known = most, least, among, known
+
+    def clean(self, value: Any, where: str) -> Any:
+        """Return the value as it is."""
+        if not isinstance(value, str):
+            raise MisshapenError(f"{where} has to be a text, not {_name(value)}")
+        if self.among is not None and value not in self.among:
+            raise MisshapenError(f"{where} has to be one of {', '.join(self.among)}")
+        if not self.least <= len(value) <= self.most:
+            raise MisshapenError(f"{where} has to have {self.least} to {self.most} characters")
+        return value
+
+    def schema(self, definitions: Dict[str, Any]) -> Dict[str, Any]:
+        """Return that of a string; what is known today stands under ``examples``."""
+        if self.among is not None:
+            return {"enum": list(self.among)}
+        return {"type": "string", **({"examples": list(self.known)} if self.known else {})}
+
+
+class Maybe(Shape):
+    """Something, or null."""
+
+    def __init__(self, inner: Shape) -> None:
+        self.inner = inner
+
+    def clean(self, value: Any, where: str) -> Any:
+        """Return null, or what the inner shape makes of the value."""
+        return None if value is None else self.inner.clean(value, where)
+
+    def write(self, value: Any) -> Any:
+        """Return null, or what the inner shape makes of the value."""
+        return None if value is None else self.inner.write(value)
+
+    def read(self, value: Any) -> Any:
+        """Return None, or what the inner shape makes of the value."""
+        return None if value is None else self.inner.read(value)
+
+    def schema(self, definitions: Dict[str, Any]) -> Dict[str, Any]:
+        """Return the inner one's, or null."""
+        found = self.inner.schema(definitions)
+        if "type" not in found:
+            return {"anyOf": [found, {"type": "null"}]}
+        kinds = found["type"] if isinstance(found["type"], list) else [found["type"]]
+        return {**found, "type": [*kinds, *(["null"] if "null" not in kinds else [])]}
+
+
+class OneOf(Shape):
+    """The first of several shapes that fits; all of them are written as they are."""
+
+    def __init__(self, *shapes: Shape) -> None:
+        self.shapes = shapes
+
+    def clean(self, value: Any, where: str) -> Any:
+        """Return what the first fitting shape makes of the value."""
+        problems = []
+        for shape in self.shapes:
+            try:
+                return shape.clean(value, where)
+            except MisshapenError as problem:
+                problems.append(problem)
+        raise problems[0]
+
+    def schema(self, definitions: Dict[str, Any]) -> Dict[str, Any]:
+        """Return that of any of them."""
+        return {"type": [shape.schema(definitions)["type"] for shape in self.shapes]}
+
+
+class Anything(Shape):
+    """Plain values that are only ever shown as text; lists and objects in it are bounded too."""
+
+    def __init__(self, longest: int = 4000) -> None:
+        self._scalar = Maybe(OneOf(Number(), Flag(), Text(longest)))
+
+    def clean(self, value: Any, where: str) -> Any:
+        """Return the value rebuilt."""
+        if isinstance(value, list):
+            return Listed(self, 100).clean(value, where)
+        if isinstance(value, dict):
+            return Mapped(self, 100).clean(value, where)
+        return self._scalar.clean(value, where)
+
+
+_MORE = Anything(2000)
+
+
+class Listed(Shape):
+    """A list of bounded length; with `fixed` one of `most` entries exactly."""
+
+    empty = ()
+
+    def __init__(self, inner: Shape, most: int, least: int = 0, fixed: bool = False) -> None:
+        self.inner, self.most, self.least = inner, most, most if fixed else least
+        self.fixed = fixed
+
+    def clean(self, value: Any, where: str) -> Any:
+        """Return the list of what the inner shape makes of its items."""
+        if not isinstance(value, list):
+            raise MisshapenError(f"{where} has to be a list, not {_name(value)}")
+        if not self.least <= len(value) <= self.most:
+            raise MisshapenError(f"{where} has to have {self.least} to {self.most} entries")
+        kept: List[Any] = []
+        clean = self.inner.clean
+        try:
+            for item in value:
+                kept.append(clean(item, ""))
+        except MisshapenError as problem:
+            raise _inside(f"{where}[{len(kept)}]", problem) from None
+        return kept
+
+    def write(self, value: Iterable[Any]) -> List[Any]:
+        """Return the items as JSON."""
+        return [self.inner.write(item) for item in value]
+
+    def read(self, value: Any) -> Tuple[Any, ...]:
+        """Return the items as a tuple."""
+        return tuple(self.inner.read(item) for item in value)
+
+    def schema(self, definitions: Dict[str, Any]) -> Dict[str, Any]:
+        """Return that of an array."""
+        size = {"minItems": self.most, "maxItems": self.most} if self.fixed else {}
+        return {"type": "array", **size, "items": self.inner.schema(definitions)}
+
+
+class Mapped(Shape):
+    """An object with any keys."""
+
+    empty: Mapping[str, Any] = {}
+
+    def __init__(self, inner: Shape, most: int = 100, longest: int = 200) -> None:
+        self.inner, self.most, self.longest = inner, most, longest
+
+    def clean(self, value: Any, where: str) -> Any:
+        """Return the object of what the inner shape makes of its values."""
+        if not isinstance(value, dict):
+            raise MisshapenError(f"{where} has to be an object, not {_name(value)}")
+        if len(value) > self.most or any(len(key) > self.longest for key in value):
+            raise MisshapenError(f"{where} has too many keys, or too long ones")
+        kept, key = {}, ""
+        try:
+            for key, item in value.items():
+                kept[key] = self.inner.clean(item, "")
+        except MisshapenError as problem:
+            raise _inside(f"{where}.{key[:40]}", problem) from None
+        return kept
+
+    def schema(self, definitions: Dict[str, Any]) -> Dict[str, Any]:
+        """Return that of an object."""
+        return {"type": "object", "additionalProperties": self.inner.schema(definitions)}
+
+
+class Record(Shape):
+    """An object with these keys; those without a default must be there.
+
+    Keys that are not named are kept, so that a document may grow: some of them, each of bounded
+    size, and none that is no name of ours. With `strict` one is refused instead: a misspelt option
+    is not to be overlooked.
+
+    Parameters
+    ----------
+    required : the keys that must be there; by default those without a default.
+    defaults : what stands for keys that are missing.
+    formerly : older names of keys.
+    """
+
+    def __init__(
+        self,
+        fields: Mapping[str, Shape],
+        required: Optional[Iterable[str]] = None,
+        strict: bool = False,
+        defaults: Mapping[str, Any] = {},
+        formerly: Mapping[str, str] = {},
+    ) -> None:
+        self.fields, self.strict, self.defaults, self.formerly = fields, strict, defaults, formerly
+        self.required = tuple(key for key in fields if key not in defaults)
+        if required is not None:
+            self.required = tuple(required)
+        self._needed = frozenset(self.required)
+
+    def clean(self, value: Any, where: str) -> Any:
+        """Return a new object of these keys, with what else is kept after them."""
+        if not isinstance(value, dict):
+            raise MisshapenError(f"{where} has to be an object, not {_name(value)}")
+        if any(old in value for old in self.formerly):
+            value = {self.formerly.get(key, key): item for key, item in value.items()}
+        if not self._needed <= value.keys():
+            missing = next(key for key in self.required if key not in value)
+            raise MisshapenError(f"{where} lacks {missing!r}")
+        kept: Dict[str, Any] = dict(self.defaults)
+        unknown = () if value.keys() <= self.fields.keys() else self._unknown(value, where)
+        key = ""
+        try:
+            for key, shape in self.fields.items():
+                if key in value:
+                    kept[key] = shape.clean(value[key], "")
+        except MisshapenError as problem:
+            raise _inside(f"{where}.{key}", problem) from None
+        for key in unknown:
+            with contextlib.suppress(MisshapenError):  # larger than what is kept
+                kept[key] = _MORE.clean(value[key], "")
+        return kept
+
+    def _unknown(self, value: Mapping[str, Any], where: str) -> Sequence[str]:
+        """Return the keys to be kept that the record does not know."""
+        unknown = [key for key in value if key not in self.fields]
+        if self.strict:
+            known = ", ".join(self.fields)
+            raise MisshapenError(f"{where} has an unknown key {unknown[0][:40]!r}; known: {known}")
+        return [key for key in unknown if _KEY.fullmatch(key)][:_MOST_MORE]
+
+    def schema(self, definitions: Dict[str, Any]) -> Dict[str, Any]:
+        """Return that of an object, which may have more keys."""
+        properties = {key: shape.schema(definitions) for key, shape in self.fields.items()}
+        return {"type": "object", "properties": properties, "required": list(self.required)}
+
+
+class Either(Shape):
+    """One of several records: told by the keys that only it has.
+
+    Python values are told by `classes`, JSON by the first record all of whose own keys are there;
+    the last one is what else there may be.
+    """
+
+    def __init__(self, classes: Mapping[type, Record]) -> None:
+        self.classes = dict(sorted(classes.items(), key=lambda item: len(item[1].fields)))
+
+    def _of(self, value: Any) -> Record:
+        *others, last = self.classes.values()
+        for record in others:
+            own = record.fields.keys() - last.fields.keys()
+            if isinstance(value, dict) and own <= value.keys():
+                return record
+        return last
+
+    def clean(self, value: Any, where: str) -> Any:
+        """Return what the fitting record makes of the value."""
+        return self._of(value).clean(value, where)
+
+    def write(self, value: Any) -> Any:
+        """Return the value as JSON."""
+        return self.classes[type(value)].write(value)
+
+    def read(self, value: Any) -> Any:
+        """Return the value that the fitting record reads."""
+        return self._of(value).read(value)
+
+    def schema(self, definitions: Dict[str, Any]) -> Dict[str, Any]:
+        """Return that of any of them."""
+        return {"anyOf": [record.schema(definitions) for record in self.classes.values()]}
+
+
+class _Notice(Record):
+    """A warning; of schema quantify-client/1 only its text."""
+
+    def __init__(self) -> None:
+        values = Mapped(Anything(), 50, 60)
+        super().__init__({"code": Text(80), "text": Text(), "values": values})
+
+    def clean(self, value: Any, where: str) -> Any:
+        """Return code, text and values."""
+        return super().clean(self.write(value) if isinstance(value, str) else value, where)
+
+    def write(self, value: Any) -> Dict[str, Any]:
+        """Return code, text and values; of a sentence without a code that of any other."""
+        if not isinstance(value, Notice):
+            value = Notice("other", value)
+        return {"code": value.code, "text": plain(str(value)), "values": plain(value.values)}
+
+    def read(self, value: Any) -> Notice:
+        """Return the warning."""
+        return Notice.of(value["code"], value["text"], value["values"])
+
+    def schema(self, definitions: Dict[str, Any]) -> Dict[str, Any]:
+        """Return that of an object with a code, a text and values."""
+        told = super().schema(definitions)
+        told["description"] = "A warning: the kind, the sentence, and the numbers in it (SI)."
+        definitions["warning"] = told
+        return {"$ref": "#/$defs/warning"}
+
+
+class Notices(Listed):
+    """Warnings: at most 500."""
+
+    def __init__(self) -> None:
+        super().__init__(_Notice(), 500)
+
+
+def warnings_json(warnings: Iterable[str]) -> List[Any]:
+    """Return warnings as they are in JSON, each with its code, text and values."""
+    return Notices().write(warnings)
