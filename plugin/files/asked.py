@@ -4,14 +4,8 @@ import hashlib
 import json
 import unicodedata
 
+from ..quantify_client.types.shapes import Listed, MisshapenError, Number, Record, Text
 from .folders import KEPT_DAYS, QUEUED_LOST_S
-from .shapes import (
-    Listed,
-    MisshapenError,
-    Number,
-    Record,
-    Text,
-)
 
 __all__ = [
     "LIMITS",
@@ -47,13 +41,13 @@ _BARS = Record(
                     "length_m": Number(above=0, most=100_000),
                     "accuracy_m": Number(above=0, most=1000),
                 },
-                strict=True,
+                others="refuse",
             ),
             50,
             1,
         )
     },
-    strict=True,
+    others="refuse",
 )
 _CONTROL_NAME = Text(most=255)
 _CONTROL_ENDINGS = (".yaml", ".yml", ".json", ".csv", ".txt")

@@ -11,9 +11,7 @@ import json
 import os
 import re
 
-from .asked import checked_name
-from .documents import HEAD, checked_document, checked_front, parsed
-from .shapes import (
+from ..quantify_client.types.shapes import (
     Flag,
     Mapped,
     Maybe,
@@ -23,10 +21,12 @@ from .shapes import (
     Record,
     Text,
     Whole,
-    read_json_at,
 )
+from .asked import checked_name
+from .documents import HEAD, checked_document, checked_front, parsed
 from .store import read_head
 from .summary import entry_from
+from .untrusted import read_json_at
 
 __all__ = ["Budget", "TooLargeError", "UnreadError", "entry_of"]
 

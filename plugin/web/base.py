@@ -9,8 +9,8 @@ from rest_framework.parsers import BaseParser
 from rest_framework.response import Response
 
 from ..files.folders import JobFolder, sweep
-from ..files.shapes import MisshapenError, read_json
 from ..files.store import BusyError, disk_words, is_id
+from ..files.untrusted import MisshapenError, read_json
 
 __all__ = [
     "PACKAGE",

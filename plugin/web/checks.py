@@ -4,7 +4,16 @@ import re
 import unicodedata
 
 from ..files.asked import MOST_CRS
-from ..files.shapes import Flag, MisshapenError, Number, OneOf, Record, Text, Whole
+from ..quantify_client.types.shapes import (
+    Flag,
+    MisshapenError,
+    Number,
+    OneOf,
+    Record,
+    Shape,
+    Text,
+    Whole,
+)
 
 __all__ = ["checked_options"]
 
@@ -19,7 +28,7 @@ _NAMES_FILE = re.compile(
 _PROJ = re.compile(r"\+proj=\w{1,20}(?: \+?\w{1,12}(?:=[\w.,'+-]{1,120}|=@null)?)*")
 
 
-class _Crs:
+class _Crs(Shape):
     """A CRS as a text that leads to no file: codes of EPSG, WKT, or PROJ's parameters."""
 
     def clean(self, value, where):
@@ -59,7 +68,7 @@ _OPTIONS = Record(
         "density_sigma": Number(0, 100),
     },
     required=(),
-    strict=True,
+    others="refuse",
 )
 
 

@@ -7,8 +7,8 @@ import os
 
 from ..files.asked import LIMITS
 from ..files.entries import Budget, TooLargeError, UnreadError, entry_of
-from ..files.shapes import MisshapenError
 from ..files.store import UnreadableError, saved_paths
+from ..files.untrusted import MisshapenError
 from . import records
 from .base import VolumeView, may_change, may_view_project, plugin_here
 from .job_views import own_jobs

@@ -6,8 +6,8 @@ import os
 
 from ..files.asked import LIMITS, checked_area, polygon_area
 from ..files.folders import new_job
-from ..files.shapes import MisshapenError, read_json
 from ..files.store import UnreadableError, one_at_a_time, read_capped, read_head
+from ..files.untrusted import MisshapenError, read_json
 from ..worker.job import run_job
 from .base import COMPLETED, PACKAGE, jobs_root, refused
 from .broker import BrokerError, enqueue

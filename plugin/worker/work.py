@@ -21,7 +21,7 @@ from ..quantify_client.crs import require_crs
 from ..quantify_client.errors import CloudError, QuantifyError
 from ..quantify_client.pipeline import measure
 from ..quantify_client.report.document.measurement import to_json
-from ..quantify_client.types import Options
+from ..quantify_client.types import Notice, Options, warnings_json
 from ..quantify_client.webmap.layers import map_layers
 from .stopping import stop_process
 
@@ -180,10 +180,13 @@ def sized(document):
     if len(json.dumps(document)) <= MOST_BYTES:
         return document
     document["layers"] = []
-    document["measurement"]["warnings"].append(
+    said = Notice(
+        "layers-left-out",
         "the slices and colours on the map are left out, they are too large to keep; measure "
-        "fewer areas at a time"
+        "fewer areas at a time",
+        most_bytes=MOST_BYTES,
     )
+    document["measurement"]["warnings"] += warnings_json([said])
     if len(json.dumps(document)) > MOST_BYTES:
         raise QuantifyError(
             f"the result is larger than {MOST_BYTES} bytes; measure fewer areas at a time, or "

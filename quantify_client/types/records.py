@@ -55,13 +55,15 @@ __all__ = [
     "Length",
     "Only",
     "Spread",
+    "checked_document",
     "document",
     "document_schema",
     "record_of",
 ]
 
-#: Of every JSON document; quantify-client/1 is still read.
+#: Of every JSON document that is written, and of those that are read.
 SCHEMA = "quantify-client/2"
+_READ = ("quantify-client/1", SCHEMA)
 
 #: The mark of a field that is not in JSON.
 LEFT_OUT = object()
@@ -155,7 +157,7 @@ class DataRecord(Record):
         defaults = {item.key.name: item.shape.write(item.default) for item in known}
         required = [key for key in fields if key not in defaults and key not in optional]
         formerly = {item.key.was: item.key.name for item in self.items if item.key.was}
-        super().__init__(fields, required, defaults=defaults, formerly=formerly)
+        super().__init__(fields, required, "keep", defaults, formerly)
 
     def write(self, value: Any) -> Dict[str, Any]:
         """Return the dataclass as an object."""
@@ -223,11 +225,10 @@ def _items(kind: Any) -> Tuple[_Item, ...]:
         for field in dataclasses.fields(kind)
         if LEFT_OUT not in _marks(hints[field.name])
     ]
-    for name, value in vars(kind).items():
-        if isinstance(value, property):
-            hint = get_type_hints(value.fget, include_extras=True).get("return")
-            if _marks(hint):
-                found.append(_item(name, hint, False, dataclasses.MISSING))
+    for name, value in inspect.getmembers(kind, lambda member: isinstance(member, property)):
+        hint = get_type_hints(value.fget, include_extras=True).get("return")
+        if _marks(hint):
+            found.append(_item(name, hint, False, dataclasses.MISSING))
     return tuple(found)
 
 
@@ -280,6 +281,16 @@ def _compound(origin: Any, inner: Tuple[Any, ...], length: Length) -> Shape:
 def document(value: Any) -> Dict[str, Any]:
     """Return a dataclass as a JSON document, which begins with its schema."""
     return {"schema": SCHEMA, **record_of(type(value)).write(value)}
+
+
+def checked_document(kind: Any, value: Any, where: str) -> Dict[str, Any]:
+    """Return a document that anybody may have written as one of today's schema.
+
+    Raises MisshapenError where it is none, not even of an older schema.
+    """
+    schema = Record({"schema": Text(among=_READ)}).clean(value, where)
+    rest = {key: item for key, item in value.items() if key not in schema}
+    return {"schema": SCHEMA, **record_of(kind).clean(rest, where)}
 
 
 def document_schema(kind: Any, urn: str, title: str) -> Dict[str, Any]:

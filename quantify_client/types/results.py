@@ -59,6 +59,7 @@ _PROVENANCE = Record(
         ),
     },
     required=("version", "options", "input", "started", "seconds"),
+    others="keep",
 )
 
 Count = Annotated[int, Whole(0)]

@@ -108,8 +108,7 @@ class Shape:
 class Number(Shape):
     """A finite number, perhaps within limits; without them none that is absurdly large."""
 
-    kinds: Tuple[type, ...] = (int, float)
-    words, type_, empty = "a number", "number", math.nan
+    type_, empty = "number", math.nan
 
     def __init__(
         self,
@@ -126,10 +125,10 @@ class Number(Shape):
 
     def clean(self, value: Any, where: str) -> Any:
         """Return the value as it is."""
-        if type(value) is float and self._low < value < self._high and self.kinds is Number.kinds:
+        if type(value) is float and self._low < value < self._high:
             return value  # nearly all of them
-        if isinstance(value, bool) or not isinstance(value, self.kinds):
-            raise MisshapenError(f"{where} has to be {self.words}, not {_name(value)}")
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise MisshapenError(f"{where} has to be a number, not {_name(value)}")
         # An integer of hundreds of digits is finite, and no float can hold it.
         if isinstance(value, int) and abs(value) > 10**15:
             raise MisshapenError(f"{where} is absurdly large")
@@ -152,8 +151,13 @@ class Number(Shape):
 class Whole(Number):
     """A whole number."""
 
-    kinds = (int,)
-    words, type_, empty = "a whole number", "integer", 0
+    type_, empty = "integer", 0
+
+    def clean(self, value: Any, where: str) -> Any:
+        """Return the value as it is."""
+        if isinstance(value, bool) or not isinstance(value, int):
+            raise MisshapenError(f"{where} has to be a whole number, not {_name(value)}")
+        return super().clean(value, where)
 
 
 class NumberOrNan(Number):
@@ -357,12 +361,11 @@ class Mapped(Shape):
 class Record(Shape):
     """An object with these keys; those without a default must be there.
 
-    Keys that are not named are kept, so that a document may grow: some of them, each of bounded
-    size, and none that is no name of ours. With `strict` one is refused instead: a misspelt option
-    is not to be overlooked.
-
     Parameters
     ----------
+    others : what becomes of keys that are not named: they are left out (``"drop"``), refused, for a
+        misspelt option is not to be overlooked (``"refuse"``), or kept, so that a document may grow
+        (``"keep"``): some of them, each of bounded size, where they look like names of ours.
     required : the keys that must be there; by default those without a default.
     defaults : what stands for keys that are missing.
     formerly : older names of keys.
@@ -372,11 +375,11 @@ class Record(Shape):
         self,
         fields: Mapping[str, Shape],
         required: Optional[Iterable[str]] = None,
-        strict: bool = False,
+        others: str = "drop",
         defaults: Mapping[str, Any] = {},
         formerly: Mapping[str, str] = {},
     ) -> None:
-        self.fields, self.strict, self.defaults, self.formerly = fields, strict, defaults, formerly
+        self.fields, self.others, self.defaults, self.formerly = fields, others, defaults, formerly
         self.required = tuple(key for key in fields if key not in defaults)
         if required is not None:
             self.required = tuple(required)
@@ -408,10 +411,11 @@ class Record(Shape):
     def _unknown(self, value: Mapping[str, Any], where: str) -> Sequence[str]:
         """Return the keys to be kept that the record does not know."""
         unknown = [key for key in value if key not in self.fields]
-        if self.strict:
+        if self.others == "refuse":
             known = ", ".join(self.fields)
             raise MisshapenError(f"{where} has an unknown key {unknown[0][:40]!r}; known: {known}")
-        return [key for key in unknown if _KEY.fullmatch(key)][:_MOST_MORE]
+        keep = unknown if self.others == "keep" else ()
+        return [key for key in keep if _KEY.fullmatch(key)][:_MOST_MORE]
 
     def schema(self, definitions: Dict[str, Any]) -> Dict[str, Any]:
         """Return that of an object, which may have more keys."""

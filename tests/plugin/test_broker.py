@@ -105,7 +105,7 @@ def site(tmp_path_factory):
     os.environ["WO_BROKER"] = f"redis://127.0.0.1:{redis.port}"
     sys.path.insert(0, str(root))
     package = types.ModuleType("volcalc_queue")
-    package.__path__ = [str(PLUGIN)]
+    package.__path__ = [str(PLUGIN), str(PLUGIN.parent)]
     sys.modules["volcalc_queue"] = package
     yield types.SimpleNamespace(
         root=root,

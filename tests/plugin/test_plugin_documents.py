@@ -27,7 +27,7 @@ VALUES = [
 def documents():
     """The plugin's module, without WebODM."""
     package = types.ModuleType("volcalc_alone")
-    package.__path__ = [str(PLUGIN)]
+    package.__path__ = [str(PLUGIN), str(PLUGIN.parent)]
     sys.modules["volcalc_alone"] = package
     yield importlib.import_module("volcalc_alone.files.documents")
     for name in [name for name in sys.modules if name.startswith("volcalc_alone")]:
@@ -57,7 +57,7 @@ def document(pytestconfig, tmp_path_factory):
     control.write_text(CONTROL)
     found = measure(cloud, area=ROUND, base="compare", gcp=control, scale_mode="scale", slices=6)
     made = {
-        "schema": "volcalc-measurement/1",
+        "schema": "volcalc-measurement/2",
         "id": "0" * 32,
         "name": "Pile 1",
         "date": "2024-05-01T10:00:00Z",

@@ -21,7 +21,7 @@ PLUGIN = Path(__file__).parents[2] / "plugin"
 def folders():
     """The plugin's modules of files, which need nothing of WebODM."""
     package = types.ModuleType("volcalc_folders")
-    package.__path__ = [str(PLUGIN)]
+    package.__path__ = [str(PLUGIN), str(PLUGIN.parent)]
     sys.modules["volcalc_folders"] = package
     yield importlib.import_module("volcalc_folders.files.folders")
     for name in [name for name in sys.modules if name.startswith("volcalc_folders")]:

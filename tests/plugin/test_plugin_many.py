@@ -18,7 +18,7 @@ LISTED = """
 import importlib, json, resource, sys, time, types
 
 package = types.ModuleType("volcalc_alone")
-package.__path__ = [sys.argv[1]]
+package.__path__ = [sys.argv[1], sys.argv[1] + "/.."]
 sys.modules["volcalc_alone"] = package
 store = importlib.import_module("volcalc_alone.files.store")
 entries = importlib.import_module("volcalc_alone.files.entries")
