@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 from clouds import write_ept, write_las, write_text
-from commands import PILE, UTM, features, only
+from commands import PILE, UTM, features, only, texts
 from terrains import EAST, LEVEL, circle, placed
 
 # --- volume: numbers
@@ -121,7 +121,7 @@ def test_source_unit_scales_a_cloud_that_does_not_say(unit, metres, site, docume
     whole = ("volume", site / "body.xyz", "--method", "polar")
     unknown, known = document(*whole), document(*whole, "--source-unit", unit)
     assert (unknown["length_unit"], known["length_unit"]) == ("unknown", "m")
-    assert any("--source-unit" in warning for warning in unknown["warnings"])
+    assert any("--source-unit" in warning for warning in texts(unknown))
     ratio = only(known)["volume_m3"] / only(unknown)["volume_m3"]
     assert ratio == pytest.approx(metres**3, rel=1e-9)
 

@@ -282,7 +282,7 @@ def test_result_that_is_too_large_to_keep_says_so(host, monkeypatch):
     document["layers"][0]["outlines"] = "x" * size
     less = work.sized(copy.deepcopy(document))
     assert less["layers"] == []
-    assert "fewer areas" in less["measurement"]["warnings"][0]
+    assert "fewer areas" in less["measurement"]["warnings"][0]["text"]
     document["measurement"]["results"] *= 3
     with pytest.raises(work.QuantifyError, match="fewer"):
         work.sized(document)

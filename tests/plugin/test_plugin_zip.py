@@ -182,7 +182,18 @@ def test_nothing_but_webodms_own_is_imported_when_the_plugin_loads():
 
 STANDARD = getattr(sys, "stdlib_module_names", frozenset()) | {
     "__future__",
-    *("base64", "binascii", "contextlib", "copy", "dataclasses", "datetime", "errno", "fcntl", "functools", "gc"),
+    *(
+        "base64",
+        "binascii",
+        "contextlib",
+        "copy",
+        "dataclasses",
+        "datetime",
+        "errno",
+        "fcntl",
+        "functools",
+        "gc",
+    ),
     *("hashlib", "importlib", "inspect", "itertools", "json", "logging", "math", "os", "pathlib"),
     *("re", "shutil", "stat", "sys", "time", "typing", "unicodedata", "uuid"),
 }

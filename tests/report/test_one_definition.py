@@ -33,9 +33,7 @@ PARTS = [
     SCALING.points[0],
     SCALING.direct[1],
 ]
-FIELDS = [
-    (part, item) for part in PARTS for item in record_of(type(part)).items if item.is_field
-]
+FIELDS = [(part, item) for part in PARTS for item in record_of(type(part)).items if item.is_field]
 
 
 def another(shape: Any, value: Any) -> Any:
