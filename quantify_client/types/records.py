@@ -1,8 +1,7 @@
 """Dataclasses as JSON: their fields are the one definition of what the documents hold.
 
-`record_of` makes the shape of a dataclass from its annotations; that shape writes it, reads it,
-checks what anybody may have written, and has the JSON Schema. A field's annotation says what JSON
-needs beyond its type::
+`record_of` makes the shape of a dataclass from its annotations, which writes it, reads it and
+checks what anybody may have written. A field's annotation says what JSON needs beyond its type::
 
     east: Annotated[float, Key("east_m"), "Metres from the middle of the control."]
 
@@ -14,8 +13,8 @@ out of JSON. A property with an annotated type is written, too, and computed ane
 from __future__ import annotations
 
 import dataclasses
-import functools
 import inspect
+import math
 from typing import (
     Any,
     Dict,
@@ -57,7 +56,6 @@ __all__ = [
     "Spread",
     "checked_document",
     "document",
-    "document_schema",
     "record_of",
 ]
 
@@ -72,6 +70,8 @@ _SIMPLE: Mapping[Any, Shape] = {
     **{float: Number(), int: Whole(), bool: Flag(), str: Text(), Any: Anything()}
 }
 _records: Dict[Any, DataRecord] = {}
+# What stands for what is not among the keys of a row.
+_EMPTY = {Number: math.nan, Whole: 0, Text: "", Listed: (), Mapped: {}}
 
 
 class Key(NamedTuple):
@@ -89,9 +89,9 @@ class Length(NamedTuple):
 
 
 class Only(NamedTuple):
-    """The keys of the rows of a list that are in JSON; the list is null there when it is empty."""
+    """The fields of a list's rows that are in JSON, where an empty list is null."""
 
-    keys: Tuple[str, ...]
+    names: Tuple[str, ...]
 
 
 class Spread(Shape):
@@ -101,31 +101,6 @@ class Spread(Shape):
     parts: Mapping[str, Shape]
     #: The keys that are there together, in JSON Schema's words.
     rule: Mapping[str, Any]
-
-
-class _Rows(Listed):
-    """A list of some keys of a dataclass; it is null in JSON when it is empty."""
-
-    def __init__(self, kind: Any, only: Only) -> None:
-        self.most, self.least, self.fixed = 20, 0, False
-        self._of = kind, only.keys
-
-    @functools.cached_property
-    def inner(self) -> Shape:  # type: ignore[override]
-        """The shape of a row: made late, for a dataclass may have rows of its own kind."""
-        return DataRecord(*self._of)
-
-    def clean(self, value: Any, where: str) -> Any:
-        return None if value is None else super().clean(value, where)
-
-    def write(self, value: Any) -> Any:
-        return super().write(value) or None
-
-    def read(self, value: Any) -> Any:
-        return super().read(value or ())
-
-    def schema(self, definitions: Dict[str, Any]) -> Dict[str, Any]:
-        return {**super().schema(definitions), "type": ["array", "null"], "minItems": 1}
 
 
 class _Item(NamedTuple):
@@ -143,8 +118,8 @@ class DataRecord(Record):
     """The shape of a dataclass; with `only` of some of its keys."""
 
     def __init__(self, kind: Any, only: Sequence[str] = ()) -> None:
-        self.kind = kind
-        self.items = [item for item in _items(kind) if not only or item.key.name in only]
+        self.kind, self.only = kind, only
+        self.items = _items(kind, only)
         fields: Dict[str, Shape] = {}
         optional: Set[str] = set()
         for item in self.items:
@@ -174,9 +149,10 @@ class DataRecord(Record):
             if item.is_field:
                 own = value if isinstance(item.shape, Spread) else value[item.key.name]
                 found[item.name] = item.shape.read(own)
-        for item in _items(self.kind):
-            if item.is_field and item.default is dataclasses.MISSING:
-                found.setdefault(item.name, item.shape.empty)
+        if self.only:
+            for item in _items(self.kind):
+                if item.is_field and item.default is dataclasses.MISSING:
+                    found.setdefault(item.name, _EMPTY.get(type(item.shape)))
         return self.kind(**found)
 
     def scalars(self) -> List[str]:
@@ -188,27 +164,6 @@ class DataRecord(Record):
                 found.append(key)
         return found
 
-    def schema(self, definitions: Dict[str, Any]) -> Dict[str, Any]:
-        """Return a reference to its definition, which is made when there is none."""
-        name = self.kind.__name__
-        if len(self.items) < len(_items(self.kind)):
-            return self._object(definitions)
-        if name not in definitions:
-            definitions[name] = {}  # its place, before those that it refers to
-            definitions[name] = self._object(definitions)
-        return {"$ref": f"#/$defs/{name}"}
-
-    def _object(self, definitions: Dict[str, Any]) -> Dict[str, Any]:
-        told = super().schema(definitions)
-        told["description"] = inspect.cleandoc(self.kind.__doc__ or "").partition("\n\n")[0]
-        for item in self.items:
-            if isinstance(item.shape, Spread):
-                told.update(item.shape.rule)
-            elif item.about:
-                told["properties"][item.key.name]["description"] = item.about
-        told["required"] = [key for key in self.fields if key in {*self.required, *self.defaults}]
-        return told
-
 
 def record_of(kind: Any) -> DataRecord:
     """Return the shape of a dataclass, made once."""
@@ -217,19 +172,18 @@ def record_of(kind: Any) -> DataRecord:
     return _records[kind]
 
 
-@functools.cache
-def _items(kind: Any) -> Tuple[_Item, ...]:
+def _items(kind: Any, only: Sequence[str] = ()) -> List[_Item]:
     hints = get_type_hints(kind, include_extras=True)
     found = [
         _item(field.name, hints[field.name], True, field.default)
         for field in dataclasses.fields(kind)
-        if LEFT_OUT not in _marks(hints[field.name])
+        if LEFT_OUT not in _marks(hints[field.name]) and field.name in (only or hints)
     ]
     for name, value in inspect.getmembers(kind, lambda member: isinstance(member, property)):
         hint = get_type_hints(value.fget, include_extras=True).get("return")
-        if _marks(hint):
+        if _marks(hint) and not only:
             found.append(_item(name, hint, False, dataclasses.MISSING))
-    return tuple(found)
+    return found
 
 
 def _marks(hint: Any) -> Tuple[Any, ...]:
@@ -252,7 +206,7 @@ def _shape(hint: Any) -> Shape:
         if isinstance(mark, Shape):
             return mark
         if isinstance(mark, Only):
-            return _Rows(get_args(hint)[0], mark)
+            return Maybe(Listed(DataRecord(get_args(hint)[0], mark.names), 20), none=())
     if hint in _SIMPLE:
         return _SIMPLE[hint]
     if dataclasses.is_dataclass(hint):
@@ -291,18 +245,3 @@ def checked_document(kind: Any, value: Any, where: str) -> Dict[str, Any]:
     schema = Record({"schema": Text(among=_READ)}).clean(value, where)
     rest = {key: item for key, item in value.items() if key not in schema}
     return {"schema": SCHEMA, **record_of(kind).clean(rest, where)}
-
-
-def document_schema(kind: Any, urn: str, title: str) -> Dict[str, Any]:
-    """Return the JSON Schema of a dataclass's documents."""
-    definitions: Dict[str, Any] = {}
-    told = record_of(kind)._object(definitions)
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "$id": urn,
-        "title": f"{SCHEMA}, {title}",
-        **told,
-        "properties": {"schema": {"const": SCHEMA}, **told["properties"]},
-        "required": ["schema", *told["required"]],
-        "$defs": definitions,
-    }

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Annotated, Any, Dict, Mapping, Optional, Sequence, Tuple
 
 from .records import Key, Length, Spread
-from .shapes import Listed, Notices, Number, NumberOrNan, Text
+from .shapes import Listed, Maybe, Notices, Number, Text
 
 __all__ = [
     "ControlAccount",
@@ -24,8 +25,8 @@ __all__ = [
 
 #: What the fields of results are: see :mod:`.records`. A metre may be NaN, and is null in JSON.
 Positive = Annotated[float, Number(0)]
-Metres = Annotated[float, NumberOrNan()]
-PositiveOrNan = Annotated[float, NumberOrNan(0)]
+Metres = Annotated[float, Maybe(Number(), none=math.nan)]
+PositiveOrNan = Annotated[float, Maybe(Number(0), none=math.nan)]
 Name = Annotated[str, Text(200)]
 Line = Annotated[str, Text(2000)]
 Crs = Annotated[str, Text(20_000)]

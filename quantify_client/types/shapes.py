@@ -1,10 +1,11 @@
-"""What a value of the JSON documents may be: checked, written, read, and told as JSON Schema.
+"""What a value of the JSON documents may be, and how it is checked, written and read.
 
-A shape does four things with a value of its kind. ``clean`` checks JSON that anybody may have
-written and returns it rebuilt; ``write`` makes JSON of a Python value and ``read`` the reverse;
-``schema`` is its JSON Schema. `records` makes the shapes of dataclasses from their fields.
+A shape does three things with a value of its kind: ``clean`` checks JSON that anybody may have
+written and returns it rebuilt, ``write`` makes JSON of a Python value, and ``read`` the reverse.
+`records` makes the shapes of dataclasses from their fields; `report.document.schemas` makes the
+published JSON Schema from the shapes.
 
-Limits that are facts (a share is 0 to 1) are in the schema. How long a text or a list may be is
+Limits that are facts (a share is 0 to 1) are in that schema. How long a text or a list may be is
 not: that only protects whoever reads a stranger's file.
 """
 
@@ -29,7 +30,6 @@ __all__ = [
     "MisshapenError",
     "Notices",
     "Number",
-    "NumberOrNan",
     "OneOf",
     "Record",
     "Shape",
@@ -85,9 +85,6 @@ def plain(value: Any) -> Any:
 class Shape:
     """What a value may be; this one may be anything, and others say more."""
 
-    #: What stands for a Python value that is not known.
-    empty: Any = None
-
     def clean(self, value: Any, where: str) -> Any:
         """Return JSON that fits, rebuilt; `where` begins the words of a MisshapenError."""
         return value
@@ -100,15 +97,9 @@ class Shape:
         """Return clean JSON as a Python value."""
         return value
 
-    def schema(self, definitions: Dict[str, Any]) -> Dict[str, Any]:
-        """Return the JSON Schema; what has a name of its own goes among the definitions."""
-        return {}
-
 
 class Number(Shape):
     """A finite number, perhaps within limits; without them none that is absurdly large."""
-
-    type_, empty = "number", math.nan
 
     def __init__(
         self,
@@ -142,38 +133,15 @@ class Number(Shape):
             raise MisshapenError(f"{where} has to be at most {self._high:g}")
         return value
 
-    def schema(self, definitions: Dict[str, Any]) -> Dict[str, Any]:
-        """Return the kind of number and its limits."""
-        limits = {"minimum": self.least, "maximum": self.most, "exclusiveMinimum": self.above}
-        return {"type": self.type_, **{k: end for k, end in limits.items() if end is not None}}
-
 
 class Whole(Number):
     """A whole number."""
-
-    type_, empty = "integer", 0
 
     def clean(self, value: Any, where: str) -> Any:
         """Return the value as it is."""
         if isinstance(value, bool) or not isinstance(value, int):
             raise MisshapenError(f"{where} has to be a whole number, not {_name(value)}")
         return super().clean(value, where)
-
-
-class NumberOrNan(Number):
-    """A number that is NaN in Python where it is null in JSON."""
-
-    def clean(self, value: Any, where: str) -> Any:
-        """Return the value as it is."""
-        return None if value is None else super().clean(value, where)
-
-    def read(self, value: Any) -> float:
-        """Return the number, NaN for null."""
-        return math.nan if value is None else float(value)
-
-    def schema(self, definitions: Dict[str, Any]) -> Dict[str, Any]:
-        """Return that of a number or null."""
-        return {**super().schema(definitions), "type": ["number", "null"]}
 
 
 class Flag(Shape):
@@ -185,10 +153,6 @@ class Flag(Shape):
             raise MisshapenError(f"{where} has to be true or false")
         return value
 
-    def schema(self, definitions: Dict[str, Any]) -> Dict[str, Any]:
-        """Return that of a boolean."""
-        return {"type": "boolean"}
-
 
 class Text(Shape):
     """A text of bounded length.
@@ -198,8 +162,6 @@ class Text(Shape):
     among : it has to be one of these.
     known : what it is today; a later version may have others.
     """
-
-    empty = ""
 
     def __init__(
         self,
@@ -220,18 +182,12 @@ class Text(Shape):
             raise MisshapenError(f"{where} has to have {self.least} to {self.most} characters")
         return value
 
-    def schema(self, definitions: Dict[str, Any]) -> Dict[str, Any]:
-        """Return that of a string; what is known today stands under ``examples``."""
-        if self.among is not None:
-            return {"enum": list(self.among)}
-        return {"type": "string", **({"examples": list(self.known)} if self.known else {})}
-
 
 class Maybe(Shape):
-    """Something, or null."""
+    """Something, or null; null is read as `none`, which is also written as null."""
 
-    def __init__(self, inner: Shape) -> None:
-        self.inner = inner
+    def __init__(self, inner: Shape, none: Any = None) -> None:
+        self.inner, self.none = inner, none
 
     def clean(self, value: Any, where: str) -> Any:
         """Return null, or what the inner shape makes of the value."""
@@ -239,19 +195,11 @@ class Maybe(Shape):
 
     def write(self, value: Any) -> Any:
         """Return null, or what the inner shape makes of the value."""
-        return None if value is None else self.inner.write(value)
+        return None if value is None or value == self.none else self.inner.write(value)
 
     def read(self, value: Any) -> Any:
-        """Return None, or what the inner shape makes of the value."""
-        return None if value is None else self.inner.read(value)
-
-    def schema(self, definitions: Dict[str, Any]) -> Dict[str, Any]:
-        """Return the inner one's, or null."""
-        found = self.inner.schema(definitions)
-        if "type" not in found:
-            return {"anyOf": [found, {"type": "null"}]}
-        kinds = found["type"] if isinstance(found["type"], list) else [found["type"]]
-        return {**found, "type": [*kinds, *(["null"] if "null" not in kinds else [])]}
+        """Return what stands for null, or what the inner shape makes of the value."""
+        return self.none if value is None else self.inner.read(value)
 
 
 class OneOf(Shape):
@@ -269,10 +217,6 @@ class OneOf(Shape):
             except MisshapenError as problem:
                 problems.append(problem)
         raise problems[0]
-
-    def schema(self, definitions: Dict[str, Any]) -> Dict[str, Any]:
-        """Return that of any of them."""
-        return {"type": [shape.schema(definitions)["type"] for shape in self.shapes]}
 
 
 class Anything(Shape):
@@ -295,8 +239,6 @@ _MORE = Anything(2000)
 
 class Listed(Shape):
     """A list of bounded length; with `fixed` one of `most` entries exactly."""
-
-    empty = ()
 
     def __init__(self, inner: Shape, most: int, least: int = 0, fixed: bool = False) -> None:
         self.inner, self.most, self.least = inner, most, most if fixed else least
@@ -325,16 +267,9 @@ class Listed(Shape):
         """Return the items as a tuple."""
         return tuple(self.inner.read(item) for item in value)
 
-    def schema(self, definitions: Dict[str, Any]) -> Dict[str, Any]:
-        """Return that of an array."""
-        size = {"minItems": self.most, "maxItems": self.most} if self.fixed else {}
-        return {"type": "array", **size, "items": self.inner.schema(definitions)}
-
 
 class Mapped(Shape):
     """An object with any keys."""
-
-    empty: Mapping[str, Any] = {}
 
     def __init__(self, inner: Shape, most: int = 100, longest: int = 200) -> None:
         self.inner, self.most, self.longest = inner, most, longest
@@ -352,10 +287,6 @@ class Mapped(Shape):
         except MisshapenError as problem:
             raise _inside(f"{where}.{key[:40]}", problem) from None
         return kept
-
-    def schema(self, definitions: Dict[str, Any]) -> Dict[str, Any]:
-        """Return that of an object."""
-        return {"type": "object", "additionalProperties": self.inner.schema(definitions)}
 
 
 class Record(Shape):
@@ -417,29 +348,18 @@ class Record(Shape):
         keep = unknown if self.others == "keep" else ()
         return [key for key in keep if _KEY.fullmatch(key)][:_MOST_MORE]
 
-    def schema(self, definitions: Dict[str, Any]) -> Dict[str, Any]:
-        """Return that of an object, which may have more keys."""
-        properties = {key: shape.schema(definitions) for key, shape in self.fields.items()}
-        return {"type": "object", "properties": properties, "required": list(self.required)}
-
 
 class Either(Shape):
-    """One of several records: told by the keys that only it has.
-
-    Python values are told by `classes`, JSON by the first record all of whose own keys are there;
-    the last one is what else there may be.
-    """
+    """The record of one of several classes: in JSON the first that has a key of only its own."""
 
     def __init__(self, classes: Mapping[type, Record]) -> None:
-        self.classes = dict(sorted(classes.items(), key=lambda item: len(item[1].fields)))
+        self.classes = classes
 
     def _of(self, value: Any) -> Record:
-        *others, last = self.classes.values()
-        for record in others:
-            own = record.fields.keys() - last.fields.keys()
-            if isinstance(value, dict) and own <= value.keys():
-                return record
-        return last
+        found = list(self.classes.values())
+        shared = frozenset.intersection(*(frozenset(record.fields) for record in found))
+        own = frozenset(value if isinstance(value, dict) else ()) - shared
+        return next((record for record in reversed(found) if own & record.fields.keys()), found[0])
 
     def clean(self, value: Any, where: str) -> Any:
         """Return what the fitting record makes of the value."""
@@ -453,45 +373,32 @@ class Either(Shape):
         """Return the value that the fitting record reads."""
         return self._of(value).read(value)
 
-    def schema(self, definitions: Dict[str, Any]) -> Dict[str, Any]:
-        """Return that of any of them."""
-        return {"anyOf": [record.schema(definitions) for record in self.classes.values()]}
 
-
-class _Notice(Record):
-    """A warning; of schema quantify-client/1 only its text."""
+class Notices(Listed):
+    """Warnings: at most 500, each with its code, its text and its values."""
 
     def __init__(self) -> None:
         values = Mapped(Anything(), 50, 60)
-        super().__init__({"code": Text(80), "text": Text(), "values": values})
+        super().__init__(Record({"code": Text(80), "text": Text(), "values": values}), 500)
 
     def clean(self, value: Any, where: str) -> Any:
-        """Return code, text and values."""
-        return super().clean(self.write(value) if isinstance(value, str) else value, where)
+        """Return them; texts, which they were in quantify-client/1, as warnings of today."""
+        if isinstance(value, list):
+            value = [_told(item) if isinstance(item, str) else item for item in value]
+        return super().clean(value, where)
 
-    def write(self, value: Any) -> Dict[str, Any]:
-        """Return code, text and values; of a sentence without a code that of any other."""
-        if not isinstance(value, Notice):
-            value = Notice("other", value)
-        return {"code": value.code, "text": plain(str(value)), "values": plain(value.values)}
+    def write(self, value: Iterable[str]) -> List[Any]:
+        """Return warnings as JSON; of one without a code it is ``"other"``."""
+        return [_told(warning) for warning in value]
 
-    def read(self, value: Any) -> Notice:
-        """Return the warning."""
-        return Notice.of(value["code"], value["text"], value["values"])
-
-    def schema(self, definitions: Dict[str, Any]) -> Dict[str, Any]:
-        """Return that of an object with a code, a text and values."""
-        told = super().schema(definitions)
-        told["description"] = "A warning: the kind, the sentence, and the numbers in it (SI)."
-        definitions["warning"] = told
-        return {"$ref": "#/$defs/warning"}
+    def read(self, value: Any) -> Tuple[Notice, ...]:
+        """Return the warnings."""
+        return tuple(Notice.of(row["code"], row["text"], row["values"]) for row in value)
 
 
-class Notices(Listed):
-    """Warnings: at most 500."""
-
-    def __init__(self) -> None:
-        super().__init__(_Notice(), 500)
+def _told(warning: str) -> Dict[str, Any]:
+    code, values = getattr(warning, "code", "other"), getattr(warning, "values", {})
+    return {"code": code, "text": plain(str(warning)), "values": plain(values)}
 
 
 def warnings_json(warnings: Iterable[str]) -> List[Any]:

@@ -11,9 +11,9 @@ import pytest
 
 from quantify_client import to_json
 from quantify_client.report.document.measurement import flat_properties
-from quantify_client.report.document.schemas import schemas
+from quantify_client.report.document.schemas import document_schema, schemas
 from quantify_client.types import AreaResult, Measurement, Notice, Scaling
-from quantify_client.types.records import Key, checked_document, document_schema, record_of
+from quantify_client.types.records import Key, checked_document, record_of
 from quantify_client.types.shapes import Flag, Maybe, Number, Record, Text
 
 from . import scalings, surveys
