@@ -95,7 +95,7 @@ def plugin_checks(monkeypatch):
     root = Path(__file__).parents[1]
     package.__path__ = [str(root / "plugin"), str(root)]
     monkeypatch.setitem(sys.modules, "plugin_alone", package)
-    return importlib.import_module("plugin_alone.files.asked")
+    return importlib.import_module("plugin_alone.files.inputs")
 
 
 def test_spike_that_passes_the_plugins_check_is_refused(cloud, monkeypatch):

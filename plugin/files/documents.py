@@ -20,10 +20,10 @@ from ..quantify_client.types.shapes import (
     Text,
     Whole,
 )
-from .asked import MOST_CRS, area_key, checked_area, checked_control, checked_name
+from .inputs import MOST_CRS, area_key, checked_area, checked_control, checked_name
 from .store import is_id, read_capped, write_json
 from .summary import agree, entry_from
-from .untrusted import Lines, MisshapenError, read_json
+from .untrusted_json import Lines, MisshapenError, read_json
 
 __all__ = [
     "HEAD",

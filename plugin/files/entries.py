@@ -22,11 +22,11 @@ from ..quantify_client.types.shapes import (
     Text,
     Whole,
 )
-from .asked import checked_name
 from .documents import HEAD, checked_document, checked_front, parsed
+from .inputs import checked_name
 from .store import read_head
 from .summary import entry_from
-from .untrusted import read_json_at
+from .untrusted_json import read_json_at
 
 __all__ = ["Budget", "TooLargeError", "UnreadError", "entry_of"]
 

@@ -10,7 +10,7 @@ from rest_framework.response import Response
 
 from ..files.folders import JobFolder, sweep
 from ..files.store import BusyError, disk_words, is_id
-from ..files.untrusted import MisshapenError, read_json
+from ..files.untrusted_json import MisshapenError, read_json
 
 __all__ = [
     "PACKAGE",
@@ -82,21 +82,17 @@ def refused(code, words, wait=None):
 
 def may_change(request, task):
     """Whether the visitor is logged in and may change the task's project."""
-    if not request.user.is_authenticated:
-        return False
-    try:
-        check_project_perms(request, task.project, ("change_project",))
-    except exceptions.NotFound:
-        return False
-    return True
+    return request.user.is_authenticated and _may(request, task.project, "change_project")
 
 
 def may_view_project(request, project):
     """Whether the visitor sees all of the project's tasks."""
-    if getattr(project, "public", False):
-        return True
+    return getattr(project, "public", False) or _may(request, project, "view_project")
+
+
+def _may(request, project, right):
     try:
-        check_project_perms(request, project)
+        check_project_perms(request, project, (right,))
     except exceptions.NotFound:
         return False
     return True

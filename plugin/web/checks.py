@@ -3,7 +3,7 @@
 import re
 import unicodedata
 
-from ..files.asked import MOST_CRS
+from ..files.inputs import MOST_CRS
 from ..quantify_client.types.shapes import (
     Flag,
     MisshapenError,

@@ -3,8 +3,8 @@
 from django.http import HttpResponse
 from rest_framework.exceptions import NotFound
 
-from ..files.asked import checked_control, checked_name
 from ..files.folders import ENDED, all_jobs
+from ..files.inputs import checked_control, checked_name
 from .base import VolumeView, jobs_root, refused
 from .checks import checked_options
 from .listing import job_row, own_rows

@@ -5,10 +5,10 @@ The views on jobs are in `job_views`, those on saved measurements in `saved_view
 
 import os
 
-from ..files.asked import LIMITS
 from ..files.entries import Budget, TooLargeError, UnreadError, entry_of
+from ..files.inputs import LIMITS
 from ..files.store import UnreadableError, saved_paths
-from ..files.untrusted import MisshapenError
+from ..files.untrusted_json import MisshapenError
 from . import records
 from .base import VolumeView, may_change, may_view_project, plugin_here
 from .job_views import own_jobs

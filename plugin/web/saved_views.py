@@ -8,9 +8,9 @@ from django.http import HttpResponse
 from rest_framework import exceptions
 from rest_framework.renderers import JSONRenderer
 
-from ..files.asked import checked_control, checked_name
 from ..files.documents import checked_document, read_document, write_document
 from ..files.entries import Budget, TooLargeError, UnreadError, entry_of
+from ..files.inputs import checked_control, checked_name
 from ..files.store import (
     UnreadableError,
     is_id,
@@ -20,7 +20,7 @@ from ..files.store import (
     saved_paths,
     why_full,
 )
-from ..files.untrusted import MisshapenError
+from ..files.untrusted_json import MisshapenError
 from . import records
 from .base import PACKAGE, VolumeView, jobs_root, plugin_here, refused
 from .checks import checked_options

@@ -4,10 +4,10 @@ import contextlib
 import logging
 import os
 
-from ..files.asked import LIMITS, checked_area, polygon_area
 from ..files.folders import new_job
+from ..files.inputs import LIMITS, checked_area
 from ..files.store import UnreadableError, one_at_a_time, read_capped, read_head
-from ..files.untrusted import MisshapenError, read_json
+from ..files.untrusted_json import MisshapenError, read_json
 from ..worker.job import run_job
 from .base import COMPLETED, PACKAGE, jobs_root, refused
 from .broker import BrokerError, enqueue
@@ -88,8 +88,6 @@ def area_of(task, wanted):
                 f"the task has no crop, or one of more than {LIMITS['vertices']} vertices; draw an "
                 "area, or measure the whole cloud"
             )
-        if crop["type"] == "Polygon":
-            return polygon_area(crop["coordinates"], "crop")
         return checked_area({"type": "Feature", "properties": {"name": "crop"}, "geometry": crop})
     if not isinstance(wanted, dict):
         raise MisshapenError('area has to be GeoJSON, "crop" or "whole"')

@@ -1,4 +1,4 @@
-"""What is to be measured: its area, control and name, of a request or of a saved measurement."""
+"""The inputs of a measurement: area, control and name, of a request or of a saved file, checked."""
 
 import hashlib
 import json
@@ -14,7 +14,6 @@ __all__ = [
     "checked_area",
     "checked_control",
     "checked_name",
-    "polygon_area",
 ]
 
 LIMITS = {
@@ -105,17 +104,6 @@ def checked_area(area):
             "simplify it"
         )
     return {"type": "FeatureCollection", "features": features}
-
-
-def polygon_area(coordinates, name):
-    """Return rings (x, y in degrees) as the area they are."""
-    return checked_area(
-        {
-            "type": "Feature",
-            "properties": {"name": name},
-            "geometry": {"type": "Polygon", "coordinates": coordinates},
-        }
-    )
 
 
 def area_key(area):
