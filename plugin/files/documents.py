@@ -1,4 +1,4 @@
-"""A saved measurement: its shape, and what lists and series tell of it.
+"""Saved measurements: how a file is checked, read and written.
 
 The file lies among the task's assets, and an imported all.zip may carry anything in its place.
 """
@@ -35,16 +35,16 @@ __all__ = [
     "write_document",
 ]
 
-#: Of what is saved, and of what is read.
+#: The schema that is written, and those that are read.
 SCHEMA = "volcalc-measurement/2"
 _READ = ("volcalc-measurement/1", SCHEMA)
-#: What lists tell of a document is the first member of its file: a list reads no more of it.
+#: The first member of a file is what lists show of it, so that a list reads no further.
 HEAD = "head"
 
 _MOST_PNG = 3_000_000
 _PNG = b"\x89PNG\r\n\x1a\n"
-# What a byte of JSON costs when it is parsed differs: `[],` takes thirty times its length. A list,
-# an object and a value of ours have at least so many bytes each.
+# Some JSON takes far more memory than its length: `[],` thirty times. In our own files each list,
+# object and value is at least this many bytes long on average, give or take a few.
 _BYTES_PER, _FEW = {b"[": 12, b"{": 40, b",": 5}, 2000
 
 _NUMBER = Number()
@@ -132,14 +132,14 @@ _FIELDS = {
     "measurement": _Measured(),
     "layers": Listed(_LAYER, 200),
 }
-# Documents before control was kept have none.
+# The first documents did not keep the control.
 _DOCUMENT = Record(_FIELDS, others="keep", defaults={"control": None})
 _FRONT = Record(
     {key: shape for key, shape in _FIELDS.items() if key != "layers"},
     others="keep",
     defaults={"control": None},
 )
-# What a file may say of these is not believed: they come from the rest of it, or from elsewhere.
+# Never taken from a file: these are computed from the rest of it, or come from the database.
 _OWN = (HEAD, "user", "area_key")
 
 
@@ -174,7 +174,7 @@ def read_document(path, saved, task):
         It is no measurement of ours.
     """
     document = _read(read_capped(path), saved)
-    # A task that was duplicated or imported has the measurements of the one it came from.
+    # The file of a duplicated or imported task names the task that it was copied from.
     document["task"], document["project"] = str(task.id), task.project.pk
     return document
 

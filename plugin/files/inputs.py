@@ -67,7 +67,7 @@ def checked_control(control):
     if len(given["text"].encode("utf-8", "replace")) > most:
         raise MisshapenError(f"the control file is larger than {most} bytes")
     name = given.get("name", "control.yaml").lower()
-    # Only the ending counts, it tells the format; the rest of the name is ours.
+    # The ending tells the format; nothing else of the name is kept.
     ending = next((end for end in _CONTROL_ENDINGS if name.endswith(end)), None)
     if ending is None:
         raise MisshapenError(f"the control file has to end in {', '.join(_CONTROL_ENDINGS)}")
@@ -191,7 +191,7 @@ def _corner(corner):
         raise MisshapenError("the area has a corner that is not [longitude, latitude]")
     for value, most in zip(corner, (180, 90)):
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        # not within, rather than beyond: NaN is neither, and huge integers are no floats
+        # "not within" also catches NaN; comparing avoids converting huge integers to float.
         if not number or not -most <= value <= most:
             raise MisshapenError(
                 "the area has a corner that is no longitude and latitude; "

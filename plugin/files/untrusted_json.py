@@ -1,7 +1,7 @@
-"""JSON from anybody: how it is parsed, and the lines that a map shows.
+"""Parses JSON that anybody may have written, and checks the lines of a map.
 
-The other shapes that it is checked against are the library's, which at this place takes no more
-than the standard library and WebODM's own numpy: the plugin's requirements need not be at hand.
+The other shapes are those of the library. Importing them takes the standard library and WebODM's
+own numpy only, so that web processes do not need the plugin's requirements.
 """
 
 import contextlib
@@ -38,7 +38,7 @@ def read_json_at(text, start):
             value, end = _DECODER.raw_decode(text, start)
         _require_shallow(value)
         if _HALF_CHARACTER.search(text, start, end):
-            # Half a character, escaped: no answer that repeats it could be sent.
+            # An escaped half of a surrogate pair could not be sent back in UTF-8.
             json.dumps(value, ensure_ascii=False).encode("utf-8")
     except UnicodeError:
         raise MisshapenError("it is not in UTF-8") from None
@@ -68,7 +68,7 @@ def _no_constant(name):
 
 
 def _whole(digits):
-    # The time that Python takes for a whole number grows with the square of its length.
+    # Python's time to parse an integer grows with the square of its length.
     if len(digits) > _MOST_DIGITS:
         raise MisshapenError("it holds a number that is absurdly large")
     return int(digits)

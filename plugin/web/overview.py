@@ -62,7 +62,7 @@ def _points_of(task):
     try:
         points = task.get_statistics()["pointcloud"]["points"]
     except Exception:
-        # WebODM reads them without expecting anything but its own.
+        # WebODM reads this file without checking it.
         return None
     return points if isinstance(points, int) and 0 <= points < 10**15 else None
 

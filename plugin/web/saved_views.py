@@ -33,7 +33,7 @@ _TYPES = {"csv": "text/csv", "geojson": "application/geo+json", "html": "text/ht
 
 
 def _reading():
-    """Read at most two documents at once: each takes a part of a second and up to 150 MB.
+    """Let two requests at once read documents: each takes half a second and up to 150 MB.
 
     Who finds no place soon is to come again: the other pages need the workers that would wait.
     """
@@ -68,7 +68,7 @@ def _changing(task, saved):
     except UnreadableError as error:
         words = "move it away, or ask WebODM's administrator"
         raise refused(409, f"nothing can be saved with this task: {error}; {words}") from None
-    # The size alone: everything else of the task may have changed since it was read.
+    # Update the size only: other fields may have changed since the task was read.
     type(task).objects.filter(pk=task.pk).update(size=F("size") + grown)
 
 
@@ -125,7 +125,7 @@ class Measurements(VolumeView):
             raise refused(409, "the measurement is not done; wait for it, then save it")
         if asked.get("name") is not None:
             document["name"] = checked_name(asked["name"])
-        # Checked before it is written: what is kept can be read again.
+        # Checked before it is written, so that it can be read again.
         document = checked_document(document)
         user = (folder.about() or {}).get("user_name")
         plugin = plugin_here()

@@ -16,7 +16,7 @@ from .listing import message_of, settle, slots_taken
 __all__ = ["area_of", "crop_of", "has_crs", "reason_not", "sources_of", "start"]
 
 _LONGEST_NAME = 80
-# Of a cloud's file and of the index of its tiles; the coordinate system is near their beginning.
+# How much is read of a cloud's file and of its tiles' index to find a coordinate system.
 _CLOUD_HEAD, _MOST_INDEX = 100_000, 1_000_000
 _FOR_OBJECTS = ("method", "center_caps", "hollow", "max_gap", "floor")
 
@@ -46,7 +46,7 @@ def has_crs(task, sources):
             return True
     with contextlib.suppress(UnreadableError):
         head, _ = read_head(sources["laz"], _CLOUD_HEAD) if sources["laz"] else (b"", 0)
-        # The records of LAS that tell it have this author, whichever of the two kinds they are.
+        # The user id of the LAS records that hold a CRS, whether GeoTIFF keys or WKT.
         return b"LASF_Projection" in head
     return False
 
@@ -125,7 +125,7 @@ def start(request, task, *, area, options, control, name):
         where = (PACKAGE, os.path.abspath(root), folder.job)
         enqueue(run_job, *where, message=message_of(folder.job))
     except BrokerError:
-        # A job that is in no queue would wait, and count, for ever.
+        # Without a message the job would wait for ever, and count against its user's limit.
         folder.remove()
         logging.getLogger("app.logger").exception("volcalc: nothing can be queued")
         raise refused(

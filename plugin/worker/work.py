@@ -27,7 +27,7 @@ from .stopping import stop_process
 
 __all__ = ["run", "sized"]
 
-#: Where each stage of the library lies between nothing and all, in percent.
+#: The percentages between which the progress of each stage of the library moves.
 _STAGES = {
     "reading points": (2.0, 70.0),
     "finding the body": (70.0, 92.0),
@@ -36,7 +36,7 @@ _STAGES = {
     "drawing": (92.0, 99.0),
 }
 
-#: What the panel calls these options of the command line, with which messages of the library end.
+#: The panel's names of the command line options that messages of the library mention.
 _FIELDS = {
     "--crs": "\u201cCoordinate system\u201d",
     "--vertical-unit": "\u201cUnit of heights\u201d",
@@ -48,11 +48,11 @@ _LOOK_S, _PATIENCE_S = 1.0, 5.0
 
 
 class CancelledError(BaseException):
-    """Somebody asked for the end; nothing in between is to catch it."""
+    """The job was cancelled; a BaseException, so that no code between catches it."""
 
 
 class _Progress:
-    """Tells how it goes, now and then, and from a thread of its own that it still goes."""
+    """Writes progress to the job's folder, and a heartbeat from a thread of its own."""
 
     def __init__(self, folder):
         self._folder = folder
@@ -76,7 +76,7 @@ class _Progress:
             raise CancelledError
         low, high = _STAGES.get(stage, (self._percent, self._percent))
         with self._lock:
-            # A cloud that is read again does not make the bar go back.
+            # The bar never goes back, even when a cloud is read twice.
             percent = max(self._percent, low + (high - low) * min(max(share, 0.0), 1.0))
             changed = stage != self._stage or percent - self._said >= 1.0
             self._stage, self._percent = stage, percent
@@ -147,7 +147,7 @@ def _document(folder, asked, progress):
     source, measurement = _measured(folder, asked, progress)
     progress("drawing", 0.0)
     if asked["area"] is None:
-        # The library calls a whole cloud by its folder, which says nothing here.
+        # The library names a whole cloud after its folder, which means nothing to users.
         results = [replace(result, name=asked["task_name"]) for result in measurement.results]
         measurement = replace(measurement, results=results)
     document = _harmless(to_json(measurement), asked, folder)
@@ -228,7 +228,7 @@ def _control_file(folder, asked, cloud, progress):
 
     path = folder.path / control["name"]
     path.write_text(control["text"], encoding="utf-8")
-    # Nobody may have the server read a file of its own by naming it in an upload.
+    # An uploaded control file must not make the server read other files.
     require_self_contained(path)
     return str(path)
 

@@ -105,7 +105,7 @@ def _cropped(
     """Return the heights within the area's box, averaged until a picture can hold them."""
     rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
     box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-    # Cells that are mostly outside are not shown, unless the area is so narrow that it has others.
+    # Hide cells that are mostly outside, unless the area is so narrow that it has no others.
     shown = inside & (relief.fraction >= min(0.5, float(relief.fraction.max())))
     heights = np.where(shown, relief.above_base_m, np.nan)[box]
     factor = max(1, -(-max(heights.shape) // LARGEST_PX))
@@ -256,9 +256,9 @@ def _longest(lines: List[List[Any]]) -> List[List[Any]]:
 
 
 def _simplified(lines: List[Any], tolerance: float) -> List[Any]:
-    """Return the lines with few enough vertices.
+    """Return the lines simplified until all together have few enough vertices.
 
-    Each for itself, so that there is an end to it: at some tolerance none has more than three.
+    Without keeping topology this ends: at some tolerance no line has more than three vertices.
     """
     simple = shapely.simplify(lines, tolerance, preserve_topology=False)
     while shapely.get_num_coordinates(simple).sum() > MOST_VERTICES:

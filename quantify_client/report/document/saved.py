@@ -1,7 +1,7 @@
-"""A measurement that was saved as JSON, as CSV, GeoJSON or a page: nothing is measured again.
+"""Exports a saved measurement as CSV, GeoJSON or a page, without measuring again.
 
 Needs no point cloud, no drawing and no geometry library. The document is one that was checked: its
-structure is right, and every text in it may still have been written by anybody.
+structure is right, but every text in it may have been written by anybody.
 """
 
 from __future__ import annotations
