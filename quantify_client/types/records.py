@@ -150,7 +150,7 @@ class DataRecord(Record):
                 own = value if isinstance(item.shape, Spread) else value[item.key.name]
                 found[item.name] = item.shape.read(own)
         if self.only:
-            for item in _items(self.kind):
+            for item in record_of(self.kind).items:
                 if item.is_field and item.default is dataclasses.MISSING:
                     found.setdefault(item.name, _EMPTY.get(type(item.shape)))
         return self.kind(**found)

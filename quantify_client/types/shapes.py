@@ -12,6 +12,8 @@ not: that only protects whoever reads a stranger's file.
 from __future__ import annotations
 
 import contextlib
+import copy
+import dataclasses
 import math
 import re
 from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
@@ -72,6 +74,8 @@ def plain(value: Any) -> Any:
     if isinstance(value, float):
         # + 0.0: no "-0.0". 15 digits, which every decimal survives: no 0.30000000000000004.
         return float(f"{value:.15g}") + 0.0 if math.isfinite(value) else None
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
     if isinstance(value, Mapping):
         return {plain(str(key)): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):
@@ -106,13 +110,10 @@ class Number(Shape):
         least: Optional[float] = None,
         most: Optional[float] = None,
         above: Optional[float] = None,
-        huge: float = _HUGE,
     ) -> None:
         self.least, self.most, self.above = least, most, above
-        self._low = -huge if least is None else least
-        self._high = huge if most is None else most
-        if above is not None:
-            self._low = above
+        self._low = max((end for end in (least, above) if end is not None), default=-_HUGE)
+        self._high = _HUGE if most is None else most
 
     def clean(self, value: Any, where: str) -> Any:
         """Return the value as it is."""
@@ -325,7 +326,8 @@ class Record(Shape):
         if not self._needed <= value.keys():
             missing = next(key for key in self.required if key not in value)
             raise MisshapenError(f"{where} lacks {missing!r}")
-        kept: Dict[str, Any] = dict(self.defaults)
+        missing = self.defaults.keys() - value.keys()
+        kept: Dict[str, Any] = {key: copy.copy(self.defaults[key]) for key in missing}
         unknown = () if value.keys() <= self.fields.keys() else self._unknown(value, where)
         key = ""
         try:
@@ -378,7 +380,8 @@ class Notices(Listed):
     """Warnings: at most 500, each with its code, its text and its values."""
 
     def __init__(self) -> None:
-        values = Mapped(Anything(), 50, 60)
+        # Values that are too many or too large are left out, and the sentence stays.
+        values = Record({}, others="keep")
         super().__init__(Record({"code": Text(80), "text": Text(), "values": values}), 500)
 
     def clean(self, value: Any, where: str) -> Any:

@@ -21,8 +21,8 @@ def closed(node: Any) -> Any:
     if not isinstance(node, dict):
         return node
     made = {key: closed(item) for key, item in node.items()}
-    # Of a provenance, which tells what there was to be told, others may be there today.
-    if "properties" in made and "version" not in made["properties"]:
+    # A provenance and the values of a warning hold what there was to be told.
+    if made.get("properties") and "version" not in made["properties"]:
         made["additionalProperties"] = False
     if "examples" in made:
         made["enum"] = [*made["examples"], *([None] if "null" in made["type"] else [])]

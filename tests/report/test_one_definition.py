@@ -150,6 +150,12 @@ def test_warnings_have_a_code_a_text_and_values() -> None:
     assert flat_properties(row)["warnings"] == f"{said}; a plain one"
 
 
+def test_values_of_a_warning_that_are_too_large_do_not_cost_the_document() -> None:
+    said = Notice("many", "many", names=["x"] * 101, huge=1e99, share=0.5)
+    back = through(AreaResult, dataclasses.replace(RESULT, warnings=(said,))).warnings[0]
+    assert (back, back.code, back.values) == ("many", "many", {"share": 0.5})
+
+
 def test_what_schema_1_had_is_read_as_schema_2() -> None:
     document = to_json(dataclasses.replace(surveys.everything(), scale=SCALING))
     old = json.loads(json.dumps({**document, "schema": "quantify-client/1"}))
