@@ -196,7 +196,8 @@ class Maybe(Shape):
 
     def write(self, value: Any) -> Any:
         """Return null, or what the inner shape makes of the value."""
-        return None if value is None or value == self.none else self.inner.write(value)
+        written = None if value is None else self.inner.write(value)
+        return None if written == [] and self.none == () else written
 
     def read(self, value: Any) -> Any:
         """Return what stands for null, or what the inner shape makes of the value."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 from typing import Annotated, Any, Dict, Optional
 
 import jsonschema
@@ -73,6 +74,19 @@ def test_each_field_travels_through_json_schema_check_and_back(part: Any, item: 
     assert record.write(back) == written
     if isinstance(value, (float, int, str)):
         assert getattr(back, item.name) == pytest.approx(value)
+
+
+@pytest.mark.parametrize("none", [(), []])
+def test_no_bases_are_null_and_come_back_as_none(none: Any) -> None:
+    result = dataclasses.replace(RESULT, bases=none)
+    assert record_of(AreaResult).write(result)["bases"] is None
+    assert through(AreaResult, result).bases == ()
+
+
+def test_rows_of_a_comparison_come_back_with_their_numbers() -> None:
+    (first, *_) = through(AreaResult, surveys.hollow()).bases
+    assert (first.base, first.volume_m3) == ("triangulate", -470.0)
+    assert (first.slices, first.points_used, math.isnan(first.min_z_m)) == ((), 0, True)
 
 
 def test_whole_document_comes_back_as_it_was() -> None:
