@@ -74,21 +74,25 @@ _records: Dict[Any, DataRecord] = {}
 _EMPTY = {Number: math.nan, Whole: 0, Text: "", Listed: (), Mapped: {}}
 
 
-class Key(NamedTuple):
+# Marks are equal only within one copy of the library: typing keeps annotations that are equal.
+@dataclasses.dataclass(frozen=True)
+class Key:
     """The name that a field has in JSON, and one that it had in an older schema."""
 
     name: str
     was: Optional[str] = None
 
 
-class Length(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class Length:
     """How many entries of a list or an object are read at most, and at least."""
 
     most: int
     least: int = 0
 
 
-class Only(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class Only:
     """The fields of a list's rows that are in JSON, where an empty list is null."""
 
     names: Tuple[str, ...]

@@ -5,11 +5,15 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import subprocess
+import sys
+from pathlib import Path
 from typing import Annotated, Any, Dict, Optional
 
 import jsonschema
 import pytest
 
+import quantify_client
 from quantify_client import to_json
 from quantify_client.report.document.measurement import flat_properties
 from quantify_client.report.document.schemas import document_schema, schemas
@@ -202,3 +206,20 @@ def test_records_say_where_something_is_wrong() -> None:
         record_of(Scaling).clean(row, "scale")
     with pytest.raises(ValueError, match="it lacks 'a'"):
         Record({"a": Flag()}).clean({}, "it")
+
+
+def test_two_copies_of_the_library_know_their_own_marks() -> None:
+    """As in a WebODM that has it installed beside the plugin's: typing shares equal annotations."""
+    code = """
+import importlib, sys, types
+import quantify_client.types.records as first
+package = types.ModuleType("copy_of")
+package.__path__ = [sys.argv[1]]
+sys.modules["copy_of"] = package
+second = importlib.import_module("copy_of.quantify_client.types.records")
+found = [importlib.import_module(m.__name__.replace("records", "scaling")) for m in (first, second)]
+print(*(m.record_of(s.ScaleObservation).formerly for m, s in zip((first, second), found)))
+"""
+    root = str(Path(quantify_client.__file__).parents[1])
+    done = subprocess.run([sys.executable, "-c", code, root], capture_output=True, text=True)
+    assert done.stdout.split() == ["{'carries':", "'contribution'}"] * 2, done.stderr
