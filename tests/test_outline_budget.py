@@ -92,9 +92,10 @@ def test_outline_with_a_corner_far_away_is_refused_with_that_corner(cloud):
 def plugin_checks(monkeypatch):
     """Give the plugin's checks, which need nothing of WebODM."""
     package = types.ModuleType("plugin_alone")
-    package.__path__ = [str(Path(__file__).parents[1] / "plugin")]
+    root = Path(__file__).parents[1]
+    package.__path__ = [str(root / "plugin"), str(root)]
     monkeypatch.setitem(sys.modules, "plugin_alone", package)
-    return importlib.import_module("plugin_alone.checks")
+    return importlib.import_module("plugin_alone.files.inputs")
 
 
 def test_spike_that_passes_the_plugins_check_is_refused(cloud, monkeypatch):

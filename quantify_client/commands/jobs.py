@@ -16,6 +16,7 @@ from ..jobs.trust import is_own, records_folder
 from ..pipeline.run import measure
 from ..report import require_writable
 from ..report.wording.words import printable
+from ..types import SCHEMA
 from .access import access_of, node_token
 from .job_display import shown_job
 from .kept import FILES, REPORT, finished, kept_options, kept_units, require_own_files
@@ -53,7 +54,7 @@ def resume(given: argparse.Namespace) -> int:
         if given.resubmit:
             raise UsageError("--cancel and --resubmit exclude each other: give one of them")
         said = cancel_job(folder, **_asking(folder, given))
-        document = {"schema": "quantify-client/1", "state": load(folder).state, "said": said}
+        document = {"schema": SCHEMA, "state": load(folder).state, "said": said}
         print(json.dumps(document, indent=2) if given.json else printable(said))
         return 0
     given.units = kept_units(folder, load(folder))

@@ -11,9 +11,8 @@ from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 from ..options import OPTIONS
 from ..pipeline.run import describe, measure
 from ..report import require_writable, to_json, write_report
-from ..report.document.plain import plain
 from ..report.wording.words import coordinate_rows, printable
-from ..types import AreaFailure, Measurement
+from ..types import AreaFailure, Measurement, plain, warnings_json
 from .access import access_of
 from .shown import complain, stages
 
@@ -98,7 +97,8 @@ def info(given: argparse.Namespace) -> int:
             *given.sources, progress=progress, access=access_of(given), **options_of(given)
         )
     if given.json:
-        print(json.dumps(plain(found), indent=2, allow_nan=False))
+        told = {**plain(found), "warnings": warnings_json(found["warnings"])}
+        print(json.dumps(told, indent=2, allow_nan=False))
         return 0
     from rich.console import Console
 

@@ -22,7 +22,7 @@ from ..pipeline.sites import AreaPlan, compare_areas, require_control_near
 from ..report import require_writable
 from ..report.wording.words import printable
 from ..sfm.photos.check import PhotoSummary, check_photos
-from ..types import Notice
+from ..types import SCHEMA, Notice, warnings_json
 from .access import access_of, node_token
 from .kept import FILES, REPORT
 from .measuring import inputs_of, options_of
@@ -218,7 +218,7 @@ def show_checked(found: Checked, given: argparse.Namespace) -> int:
 def _document(found: Checked, told: List[str]) -> Mapping[str, Any]:
     plan, photos = found.plan, found.photos
     return {
-        "schema": "quantify-client/1",
+        "schema": SCHEMA,
         "server": plan and plan.url,
         "name": plan and plan.name,
         "photographs": photos and len(photos.photos),
@@ -228,10 +228,12 @@ def _document(found: Checked, told: List[str]) -> Mapping[str, Any]:
         "options": plan and dict(plan.options),
         "outputs": plan and list(plan.outputs),
         "gcp": bool(found.control and found.control.sent),
-        "warnings": [
-            *(plan.notes if plan else ()),
-            *(photos.warnings if photos else ()),
-            *found.notes(),
-        ],
+        "warnings": warnings_json(
+            [
+                *(plan.notes if plan else ()),
+                *(photos.warnings if photos else ()),
+                *found.notes(),
+            ]
+        ),
         "errors": told,
     }

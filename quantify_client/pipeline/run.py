@@ -14,7 +14,7 @@ from ..crs import Frame, measuring_frame
 from ..options import Options, choose_shape, read_options
 from ..sfm.servers.access import Access
 from ..source import Source, is_address, open_source
-from ..types import Floor, Measurement
+from ..types import SCHEMA, Floor, Measurement
 from .accounting import every_point, left_out, losses
 from .checking import with_check_warnings
 from .common import cloud_warnings, coordinates_of, provenance
@@ -158,7 +158,7 @@ def _described(source: Source, source_unit: Optional[str], report: Progress) -> 
     count = _MOST_READ if is_address(source.label) else info.point_count or 0
     lost = losses([left_out(source.cloud)]) if count < _MOST_READ else ()
     return {
-        "schema": "quantify-client/1",
+        "schema": SCHEMA,
         "source": source.label,
         "files": [dict(item) for item in source.inputs],
         "format": info.format,

@@ -188,9 +188,9 @@ def test_records_are_what_was_observed() -> None:
     for each in records:
         assert each.adjusted - each.observed == pytest.approx(each.residual, abs=1e-9)
         assert each.redundancy is not None
-        assert each.carries is not None
+        assert each.contribution is not None
         assert 0.0 <= each.redundancy <= 1.0
-        assert 0.0 <= each.carries <= 1.0
+        assert 0.0 <= each.contribution <= 1.0
     assert found.point_std.shape == (6, 3)
     assert found.point_std[0, 2] < 0.02 < 0.3 < found.point_std[0, 0]
 

@@ -185,7 +185,7 @@ def test_check_lengths_take_no_part_and_are_reported() -> None:
         assert record.names == tuple(network.names[end] for end in ends)
         assert record.adjusted == pytest.approx(across, abs=1e-9)
         assert record.residual == pytest.approx(across - length[number], abs=1e-9)
-        assert (record.redundancy, record.carries, record.outlier) == (None, None, False)
+        assert (record.redundancy, record.contribution, record.outlier) == (None, None, False)
     assert records[0].residual == pytest.approx(-5.0, abs=0.06)
     assert abs(records[1].residual) < 0.06
 

@@ -63,7 +63,7 @@ def observations(found: Adjustment, level: float = 0.0) -> List[ScaleObservation
                 residual=residual,
                 sigma=float(found.sigma[row]),
                 redundancy=float(found.redundancy[row]) if active else None,
-                carries=float(np.clip(contribution[row], 0.0, 1.0)) if active else None,
+                contribution=float(np.clip(contribution[row], 0.0, 1.0)) if active else None,
                 outlier=not active and not check,
                 check=check,
             )

@@ -39,7 +39,7 @@ __all__ = [
 MOST_SAVED = 200
 MOST_BYTES = 8_000_000
 MOST_SAVED_BYTES = 500_000_000
-#: Of a folder that an imported all.zip may have filled, so many files are looked at.
+#: How many files of a folder are looked at: an imported all.zip may have filled it.
 MOST_FILES = 2000
 _ID = re.compile(r"[0-9a-f]{32}")
 _LOCK_S, _LOOK_S = 5.0, 0.05
@@ -109,7 +109,7 @@ def one_at_a_time(root):
 
 @contextlib.contextmanager
 def one_of(root, places, name, wait_s=_LOCK_S):
-    """Do something that at most `places` requests may do at once, in all of WebODM's processes.
+    """Let at most `places` requests at once pass, over all of WebODM's processes.
 
     Raises
     ------

@@ -4,19 +4,19 @@ import contextlib
 import logging
 import os
 
-from .base import COMPLETED, jobs_root, refused
+from ..files.folders import new_job
+from ..files.inputs import LIMITS, checked_area
+from ..files.store import UnreadableError, one_at_a_time, read_capped, read_head
+from ..files.untrusted_json import MisshapenError, read_json
+from ..worker.job import run_job
+from .base import COMPLETED, PACKAGE, jobs_root, refused
 from .broker import BrokerError, enqueue
-from .checks import LIMITS, checked_area, polygon_area
-from .folders import new_job
-from .job import run_job
 from .listing import message_of, settle, slots_taken
-from .shapes import MisshapenError, read_json
-from .store import UnreadableError, one_at_a_time, read_capped, read_head
 
 __all__ = ["area_of", "crop_of", "has_crs", "reason_not", "sources_of", "start"]
 
 _LONGEST_NAME = 80
-# Of a cloud's file and of the index of its tiles; the coordinate system is near their beginning.
+# How much is read of a cloud's file and of its tiles' index to find a coordinate system.
 _CLOUD_HEAD, _MOST_INDEX = 100_000, 1_000_000
 _FOR_OBJECTS = ("method", "center_caps", "hollow", "max_gap", "floor")
 
@@ -46,7 +46,7 @@ def has_crs(task, sources):
             return True
     with contextlib.suppress(UnreadableError):
         head, _ = read_head(sources["laz"], _CLOUD_HEAD) if sources["laz"] else (b"", 0)
-        # The records of LAS that tell it have this author, whichever of the two kinds they are.
+        # The user id of the LAS records that hold a CRS, whether GeoTIFF keys or WKT.
         return b"LASF_Projection" in head
     return False
 
@@ -88,8 +88,6 @@ def area_of(task, wanted):
                 f"the task has no crop, or one of more than {LIMITS['vertices']} vertices; draw an "
                 "area, or measure the whole cloud"
             )
-        if crop["type"] == "Polygon":
-            return polygon_area(crop["coordinates"], "crop")
         return checked_area({"type": "Feature", "properties": {"name": "crop"}, "geometry": crop})
     if not isinstance(wanted, dict):
         raise MisshapenError('area has to be GeoJSON, "crop" or "whole"')
@@ -124,10 +122,10 @@ def start(request, task, *, area, options, control, name):
     }
     folder = _admitted(root, about, asked)
     try:
-        where = (__package__, os.path.abspath(root), folder.job)
+        where = (PACKAGE, os.path.abspath(root), folder.job)
         enqueue(run_job, *where, message=message_of(folder.job))
     except BrokerError:
-        # A job that is in no queue would wait, and count, for ever.
+        # Without a message the job would wait for ever, and count against its user's limit.
         folder.remove()
         logging.getLogger("app.logger").exception("volcalc: nothing can be queued")
         raise refused(

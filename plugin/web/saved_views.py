@@ -8,14 +8,10 @@ from django.http import HttpResponse
 from rest_framework import exceptions
 from rest_framework.renderers import JSONRenderer
 
-from . import records
-from .base import VolumeView, jobs_root, plugin_here, refused
-from .checks import checked_control, checked_name, checked_options
-from .documents import checked_document, read_document, write_document
-from .entries import Budget, TooLargeError, UnreadError, entry_of
-from .shapes import MisshapenError
-from .starting import start
-from .store import (
+from ..files.documents import checked_document, read_document, write_document
+from ..files.entries import Budget, TooLargeError, UnreadError, entry_of
+from ..files.inputs import checked_control, checked_name
+from ..files.store import (
     UnreadableError,
     is_id,
     one_at_a_time,
@@ -24,6 +20,11 @@ from .store import (
     saved_paths,
     why_full,
 )
+from ..files.untrusted_json import MisshapenError
+from . import records
+from .base import PACKAGE, VolumeView, jobs_root, plugin_here, refused
+from .checks import checked_options
+from .starting import start
 
 __all__ = ["Again", "Export", "Measurements", "OneMeasurement"]
 
@@ -32,7 +33,7 @@ _TYPES = {"csv": "text/csv", "geojson": "application/geo+json", "html": "text/ht
 
 
 def _reading():
-    """Read at most two documents at once: each takes a part of a second and up to 150 MB.
+    """Let two requests at once read documents: each takes half a second and up to 150 MB.
 
     Who finds no place soon is to come again: the other pages need the workers that would wait.
     """
@@ -67,7 +68,7 @@ def _changing(task, saved):
     except UnreadableError as error:
         words = "move it away, or ask WebODM's administrator"
         raise refused(409, f"nothing can be saved with this task: {error}; {words}") from None
-    # The size alone: everything else of the task may have changed since it was read.
+    # Update the size only: other fields may have changed since the task was read.
     type(task).objects.filter(pk=task.pk).update(size=F("size") + grown)
 
 
@@ -124,7 +125,7 @@ class Measurements(VolumeView):
             raise refused(409, "the measurement is not done; wait for it, then save it")
         if asked.get("name") is not None:
             document["name"] = checked_name(asked["name"])
-        # Checked before it is written: what is kept can be read again.
+        # Checked before it is written, so that it can be read again.
         document = checked_document(document)
         user = (folder.about() or {}).get("user_name")
         plugin = plugin_here()
@@ -188,7 +189,7 @@ class Export(VolumeView):
         if kind not in _TYPES or units not in ("metric", "us"):
             raise MisshapenError("give format=csv, geojson or html, and units=metric or us")
         names = records.names(plugin_here(), task)
-        pages = importlib.import_module(f"{__package__}.quantify_client.report.document.saved")
+        pages = importlib.import_module(f"{PACKAGE}.quantify_client.report.document.saved")
         with _reading():
             document = _shown(request, _read(task, saved), names)
             text = pages.exported(document, kind, units)

@@ -12,7 +12,7 @@ import time
 
 __all__ = ["BrokerError", "enqueue", "holds"]
 
-#: Of each step of a connection; a call takes a few of them at most.
+#: Time limits: of one step of a connection (a call has a few), and of a whole search.
 _LIMIT_S, _WHOLE_S = 2.0, 5.0
 _PAGE, _MOST_MESSAGES = 500, 20_000
 
@@ -36,7 +36,7 @@ def enqueue(function, *arguments, message):
     from app.plugins.worker import eval_async
 
     with _connection() as (_, connection):
-        # Nobody asks Celery for the result, and to follow it takes a connection without limits.
+        # Nobody asks for the result, and following it would use a connection without time limits.
         eval_async.apply_async(
             (inspect.getsource(function), function.__name__, *arguments),
             task_id=message,
@@ -60,7 +60,7 @@ def holds(message):
         if client is None:
             raise BrokerError("the broker is no Redis")
         wanted = json.dumps(message).encode()
-        # In this order: a message goes from the waiting ones to those that were handed out.
+        # Search the queue first: messages move from it to those handed to workers.
         waiting = itertools.chain.from_iterable(_pages(client, app.conf.task_default_queue))
         if any(wanted in text for text in waiting):
             return True

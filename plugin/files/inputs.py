@@ -1,21 +1,11 @@
-"""What a request may ask for, checked before anything is started or written."""
+"""The inputs of a measurement: area, control and name, of a request or of a saved file, checked."""
 
 import hashlib
 import json
-import re
 import unicodedata
 
+from ..quantify_client.types.shapes import Listed, MisshapenError, Number, Record, Text
 from .folders import KEPT_DAYS, QUEUED_LOST_S
-from .shapes import (
-    Flag,
-    Listed,
-    MisshapenError,
-    Number,
-    OneOf,
-    Record,
-    Text,
-    Whole,
-)
 
 __all__ = [
     "LIMITS",
@@ -24,8 +14,6 @@ __all__ = [
     "checked_area",
     "checked_control",
     "checked_name",
-    "checked_options",
-    "polygon_area",
 ]
 
 LIMITS = {
@@ -40,59 +28,6 @@ LIMITS = {
 _MOST_POLYGONS = 100
 _NAME = 80
 MOST_CRS = 4000
-_UNITS = ("m", "cm", "mm", "ft", "us-ft")
-
-_EPSG = re.compile(r"EPSG:\d{1,6}(\+\d{1,6})?", re.IGNORECASE)
-_WKT = re.compile(r"[A-Z_]{5,20} ?\[.*\]", re.IGNORECASE)
-# PROJ opens the files that these name, in a PROJ text and in one that a WKT carries.
-_NAMES_FILE = re.compile(
-    r"PARAMETERFILE|\b(?:init|file|catalog) ?=|grids ?=(?! ?@null\b)|pipeline", re.IGNORECASE
-)
-_PROJ = re.compile(r"\+proj=\w{1,20}(?: \+?\w{1,12}(?:=[\w.,'+-]{1,120}|=@null)?)*")
-
-
-class _Crs:
-    """A CRS as a text that leads to no file: codes of EPSG, WKT, or PROJ's parameters."""
-
-    def clean(self, value, where):
-        """Return the text on one line."""
-        text = " ".join(Text(MOST_CRS, 1).clean(value, where).split())
-        written = any(shape.fullmatch(text) for shape in (_EPSG, _WKT, _PROJ))
-        hidden = any(unicodedata.category(letter)[0] == "C" for letter in text)
-        if not written or hidden or _NAMES_FILE.search(text):
-            raise MisshapenError(
-                f"{where} has to be EPSG:n, EPSG:n+m, WKT or a PROJ text (+proj=...), and may name "
-                "no file"
-            )
-        return text
-
-
-_OPTIONS = Record(
-    {
-        "shape": Text(among=("auto", "object", "terrain")),
-        "method": Text(among=("section", "polar")),
-        "slices": OneOf(Whole(1, 1000), Text(among=("auto",))),
-        "slice_height": Number(above=0, most=10_000),
-        "base": OneOf(
-            Number(-20_000, 20_000),
-            Text(among=("triangulate", "plane", "average", "lowest", "highest", "compare")),
-        ),
-        "center_caps": Flag(),
-        "hollow": Flag(),
-        "max_gap": Number(above=0, most=10_000),
-        "floor": OneOf(Number(-20_000, 20_000), Text(among=("auto", "none", "plane"))),
-        "grid": Flag(),
-        "area_frame": Text(among=("cloud", "control")),
-        "scale_mode": Text(among=("auto", "scale", "shift", "full")),
-        "crs": _Crs(),
-        "vertical_unit": Text(among=_UNITS),
-        "source_unit": Text(among=_UNITS),
-        "density": Number(above=0, most=22.6),
-        "density_sigma": Number(0, 100),
-    },
-    required=(),
-    strict=True,
-)
 
 _PLACE = Listed(Number(-180, 180), 3, 2)
 _BARS = Record(
@@ -105,26 +40,17 @@ _BARS = Record(
                     "length_m": Number(above=0, most=100_000),
                     "accuracy_m": Number(above=0, most=1000),
                 },
-                strict=True,
+                others="refuse",
             ),
             50,
             1,
         )
     },
-    strict=True,
+    others="refuse",
 )
 _CONTROL_NAME = Text(most=255)
 _CONTROL_ENDINGS = (".yaml", ".yml", ".json", ".csv", ".txt")
 _LON_LAT = ("CRS84", "4326")
-
-
-def checked_options(options):
-    """Return the options without those that are null."""
-    if options is None:
-        return {}
-    if isinstance(options, dict):
-        options = {key: value for key, value in options.items() if value is not None}
-    return _OPTIONS.clean(options, "options")
 
 
 def checked_control(control):
@@ -141,7 +67,7 @@ def checked_control(control):
     if len(given["text"].encode("utf-8", "replace")) > most:
         raise MisshapenError(f"the control file is larger than {most} bytes")
     name = given.get("name", "control.yaml").lower()
-    # Only the ending counts, it tells the format; the rest of the name is ours.
+    # The ending tells the format; nothing else of the name is kept.
     ending = next((end for end in _CONTROL_ENDINGS if name.endswith(end)), None)
     if ending is None:
         raise MisshapenError(f"the control file has to end in {', '.join(_CONTROL_ENDINGS)}")
@@ -178,17 +104,6 @@ def checked_area(area):
             "simplify it"
         )
     return {"type": "FeatureCollection", "features": features}
-
-
-def polygon_area(coordinates, name):
-    """Return rings (x, y in degrees) as the area they are."""
-    return checked_area(
-        {
-            "type": "Feature",
-            "properties": {"name": name},
-            "geometry": {"type": "Polygon", "coordinates": coordinates},
-        }
-    )
 
 
 def area_key(area):
@@ -276,7 +191,7 @@ def _corner(corner):
         raise MisshapenError("the area has a corner that is not [longitude, latitude]")
     for value, most in zip(corner, (180, 90)):
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        # not within, rather than beyond: NaN is neither, and huge integers are no floats
+        # "not within" also catches NaN; comparing avoids converting huge integers to float.
         if not number or not -most <= value <= most:
             raise MisshapenError(
                 "the area has a corner that is no longitude and latitude; "

@@ -8,11 +8,12 @@ from rest_framework import exceptions, status
 from rest_framework.parsers import BaseParser
 from rest_framework.response import Response
 
-from .folders import JobFolder, sweep
-from .shapes import MisshapenError, read_json
-from .store import BusyError, disk_words, is_id
+from ..files.folders import JobFolder, sweep
+from ..files.store import BusyError, disk_words, is_id
+from ..files.untrusted_json import MisshapenError, read_json
 
 __all__ = [
+    "PACKAGE",
     "TooLarge",
     "VolumeView",
     "jobs_root",
@@ -26,6 +27,9 @@ __all__ = [
 _MOST_BODY = 2_500_000
 
 COMPLETED = 40
+
+#: The plugin's own package, as WebODM has loaded it: "plugins.volcalc".
+PACKAGE = __package__.rpartition(".")[0]
 
 
 class TooLarge(exceptions.APIException):
@@ -57,7 +61,7 @@ def plugin_here():
     """Return this plugin as WebODM knows it."""
     from app.plugins.functions import get_plugin_by_name
 
-    name = __package__.split(".")[-1]
+    name = PACKAGE.split(".")[-1]
     plugin = get_plugin_by_name(name, only_active=False, refresh_cache_if_none=True)
     if plugin is None:
         raise exceptions.APIException("the plugin is not loaded; restart WebODM")
@@ -78,21 +82,17 @@ def refused(code, words, wait=None):
 
 def may_change(request, task):
     """Whether the visitor is logged in and may change the task's project."""
-    if not request.user.is_authenticated:
-        return False
-    try:
-        check_project_perms(request, task.project, ("change_project",))
-    except exceptions.NotFound:
-        return False
-    return True
+    return request.user.is_authenticated and _may(request, task.project, "change_project")
 
 
 def may_view_project(request, project):
     """Whether the visitor sees all of the project's tasks."""
-    if getattr(project, "public", False):
-        return True
+    return getattr(project, "public", False) or _may(request, project, "view_project")
+
+
+def _may(request, project, right):
     try:
-        check_project_perms(request, project)
+        check_project_perms(request, project, (right,))
     except exceptions.NotFound:
         return False
     return True

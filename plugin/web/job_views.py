@@ -3,9 +3,10 @@
 from django.http import HttpResponse
 from rest_framework.exceptions import NotFound
 
+from ..files.folders import ENDED, all_jobs
+from ..files.inputs import checked_control, checked_name
 from .base import VolumeView, jobs_root, refused
-from .checks import checked_control, checked_name, checked_options
-from .folders import ENDED, all_jobs
+from .checks import checked_options
 from .listing import job_row, own_rows
 from .starting import area_of, start
 

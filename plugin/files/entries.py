@@ -1,4 +1,4 @@
-"""What a list tells of saved files, without reading them whole.
+"""The entries of lists, read from saved files without reading them whole.
 
 A file of 8 MB takes some tenths of a second to check, and a list has up to 200: a visitor who opens
 a page is not to keep WebODM busy for a minute. So a file begins with what lists tell of it. One
@@ -11,9 +11,7 @@ import json
 import os
 import re
 
-from .checks import checked_name
-from .documents import HEAD, checked_document, checked_front, parsed
-from .shapes import (
+from ..quantify_client.types.shapes import (
     Flag,
     Mapped,
     Maybe,
@@ -23,15 +21,17 @@ from .shapes import (
     Record,
     Text,
     Whole,
-    read_json_at,
 )
+from .documents import HEAD, checked_document, checked_front, parsed
+from .inputs import checked_name
 from .store import read_head
 from .summary import entry_from
+from .untrusted_json import read_json_at
 
 __all__ = ["Budget", "TooLargeError", "UnreadError", "entry_of"]
 
-# Most files have their layers within the first look; no request parses more than the budget, nor
-# does it look for the layers of more than so many files that have them further on.
+# Most files have their layers within the first `_LOOK_BYTES`. One request parses at most `_BUDGET`
+# bytes, and looks further into at most `_LONG_LOOKS` files.
 _HEAD_BYTES, _LOOK_BYTES = 16_000, 256_000
 _BUDGET, _LONG_LOOKS = 2_000_000, 10
 _MOST_KNOWN, _LONGEST_KNOWN = 1000, 4000
@@ -59,27 +59,27 @@ _BEGIN = re.compile(rf'\s*\{{\s*"{HEAD}"\s*:\s*')
 # Quotes inside a text have a backslash before them, so that this is never part of one.
 _LAYERS = re.compile(rb',\s*"layers"\s*:')
 
-# Of files without a head, by which file it is: the entry as a JSON text, or why there is none.
-# Whatever cost anything is remembered, so that each request gets further than the one before.
+# For each file without a head: its entry as JSON text, or the error. Every result is remembered,
+# so that each request gets further than the one before.
 _known = {}
 
 
 class UnreadError(Exception):
-    """The request has read enough: a later one goes on."""
+    """One request may read no more; the next one continues."""
 
     def __init__(self):
         super().__init__("not read yet: load the list again, or open it")
 
 
 class TooLargeError(Exception):
-    """The file is none that can be told of without opening it."""
+    """The file is too large for a list: it has to be opened."""
 
     def __init__(self):
         super().__init__("too large to be told of here: open it")
 
 
 class Budget:
-    """How much of files without a head one request may still read."""
+    """How many bytes of files without a head one request may still read."""
 
     def __init__(self):
         self.left, self.looks = _BUDGET, _LONG_LOOKS
@@ -142,7 +142,7 @@ def _without_head(path, size, budget):
 
 
 def _remembered(path, size, budget):
-    """Return what is to be known of a file: its entry, or the kind and the words of an error."""
+    """Return an error class, or None, with its arguments or the entry as JSON text."""
     try:
         text = json.dumps(_read_front(path, size, budget))
     except MisshapenError as error:

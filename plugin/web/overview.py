@@ -5,14 +5,14 @@ The views on jobs are in `job_views`, those on saved measurements in `saved_view
 
 import os
 
+from ..files.entries import Budget, TooLargeError, UnreadError, entry_of
+from ..files.inputs import LIMITS
+from ..files.store import UnreadableError, saved_paths
+from ..files.untrusted_json import MisshapenError
 from . import records
 from .base import VolumeView, may_change, may_view_project, plugin_here
-from .checks import LIMITS
-from .entries import Budget, TooLargeError, UnreadError, entry_of
 from .job_views import own_jobs
-from .shapes import MisshapenError
 from .starting import crop_of, has_crs, reason_not, sources_of
-from .store import UnreadableError, saved_paths
 
 __all__ = ["Overview", "Series"]
 
@@ -62,7 +62,7 @@ def _points_of(task):
     try:
         points = task.get_statistics()["pointcloud"]["points"]
     except Exception:
-        # WebODM reads them without expecting anything but its own.
+        # WebODM reads this file without checking it.
         return None
     return points if isinstance(points, int) and 0 <= points < 10**15 else None
 

@@ -5,7 +5,7 @@ there were some. User names are here too, and not in the files, which WebODM ser
 who may see the task, anonymous visitors of public ones included.
 """
 
-from .store import saved_paths
+from ..files.store import saved_paths
 
 __all__ = ["forget", "names", "remember", "were_lost"]
 

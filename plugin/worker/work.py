@@ -13,21 +13,21 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from .checks import area_key
-from .documents import SCHEMA
-from .folders import HEARTBEAT_S, JobFolder
-from .quantify_client import measure
-from .quantify_client.crs import require_crs
-from .quantify_client.errors import CloudError, QuantifyError
-from .quantify_client.report.document.measurement import to_json
-from .quantify_client.types import Options
-from .quantify_client.webmap.layers import map_layers
+from ..files.documents import SCHEMA
+from ..files.folders import HEARTBEAT_S, JobFolder
+from ..files.inputs import area_key
+from ..files.store import MOST_BYTES, disk_words, write_json
+from ..quantify_client import measure
+from ..quantify_client.crs import require_crs
+from ..quantify_client.errors import CloudError, QuantifyError
+from ..quantify_client.report.document.measurement import to_json
+from ..quantify_client.types import Notice, Options, warnings_json
+from ..quantify_client.webmap.layers import map_layers
 from .stopping import stop_process
-from .store import MOST_BYTES, disk_words, write_json
 
 __all__ = ["run", "sized"]
 
-#: Where each stage of the library lies between nothing and all, in percent.
+#: The percentages between which the progress of each stage of the library moves.
 _STAGES = {
     "reading points": (2.0, 70.0),
     "finding the body": (70.0, 92.0),
@@ -36,7 +36,7 @@ _STAGES = {
     "drawing": (92.0, 99.0),
 }
 
-#: What the panel calls these options of the command line, with which messages of the library end.
+#: The panel's names of the command line options that messages of the library mention.
 _FIELDS = {
     "--crs": "\u201cCoordinate system\u201d",
     "--vertical-unit": "\u201cUnit of heights\u201d",
@@ -48,11 +48,11 @@ _LOOK_S, _PATIENCE_S = 1.0, 5.0
 
 
 class CancelledError(BaseException):
-    """Somebody asked for the end; nothing in between is to catch it."""
+    """The job was cancelled; a BaseException, so that no code between catches it."""
 
 
 class _Progress:
-    """Tells how it goes, now and then, and from a thread of its own that it still goes."""
+    """Writes progress to the job's folder, and a heartbeat from a thread of its own."""
 
     def __init__(self, folder):
         self._folder = folder
@@ -76,7 +76,7 @@ class _Progress:
             raise CancelledError
         low, high = _STAGES.get(stage, (self._percent, self._percent))
         with self._lock:
-            # A cloud that is read again does not make the bar go back.
+            # The bar never goes back, even when a cloud is read twice.
             percent = max(self._percent, low + (high - low) * min(max(share, 0.0), 1.0))
             changed = stage != self._stage or percent - self._said >= 1.0
             self._stage, self._percent = stage, percent
@@ -147,7 +147,7 @@ def _document(folder, asked, progress):
     source, measurement = _measured(folder, asked, progress)
     progress("drawing", 0.0)
     if asked["area"] is None:
-        # The library calls a whole cloud by its folder, which says nothing here.
+        # The library names a whole cloud after its folder, which means nothing to users.
         results = [replace(result, name=asked["task_name"]) for result in measurement.results]
         measurement = replace(measurement, results=results)
     document = _harmless(to_json(measurement), asked, folder)
@@ -180,10 +180,13 @@ def sized(document):
     if len(json.dumps(document)) <= MOST_BYTES:
         return document
     document["layers"] = []
-    document["measurement"]["warnings"].append(
+    said = Notice(
+        "layers-left-out",
         "the slices and colours on the map are left out, they are too large to keep; measure "
-        "fewer areas at a time"
+        "fewer areas at a time",
+        most_bytes=MOST_BYTES,
     )
+    document["measurement"]["warnings"] += warnings_json([said])
     if len(json.dumps(document)) > MOST_BYTES:
         raise QuantifyError(
             f"the result is larger than {MOST_BYTES} bytes; measure fewer areas at a time, or "
@@ -215,17 +218,17 @@ def _control_file(folder, asked, cloud, progress):
     if control is None:
         return None
     if "scale_bars" in control:
-        from .quantify_client.webmap.clicked import bars_control
+        from ..quantify_client.webmap.clicked import bars_control
 
         path = folder.path / "control.json"
         said = Options(**{key: asked["options"].get(key) for key in _SAYING})
         write_json(path, bars_control(cloud, control["scale_bars"], progress, options=said))
         return str(path)
-    from .quantify_client.scaler.control.read import require_self_contained
+    from ..quantify_client.scaler.control.read import require_self_contained
 
     path = folder.path / control["name"]
     path.write_text(control["text"], encoding="utf-8")
-    # Nobody may have the server read a file of its own by naming it in an upload.
+    # An uploaded control file must not make the server read other files.
     require_self_contained(path)
     return str(path)
 

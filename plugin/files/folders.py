@@ -1,4 +1,4 @@
-"""The folder of a job: what was asked, how it goes, its result, and how long it is kept.
+"""The folder of a job: its request, state and result, and how long they are kept.
 
 `job.json` says whose it is, and is small because many are read at once; `asked.json` is what to
 measure, `state.json` how it goes, `result.json` what it came to. Markers: `cancel` asks for the
@@ -28,12 +28,12 @@ __all__ = [
     "sweep",
 ]
 
-#: A running job says at least so often that it is alive, and without it for so long is lost.
+#: A running job writes a heartbeat this often; without one for LOST_S it counts as lost.
 HEARTBEAT_S = 5.0
 LOST_S = 60.0
 #: A job that waits longer is lost if the broker has no message of it (see `starting.settle`).
 QUEUED_LOST_S = 300.0
-#: The result of one that has ended is kept so long, unless there are too many.
+#: How long a job is kept after its end, unless there are too many.
 KEPT_DAYS = 7
 ENDED = ("done", "failed", "cancelled", "lost")
 
@@ -50,7 +50,7 @@ _LOST_QUEUED = (
 
 
 class JobFolder:
-    """One job: what is known of it is in files, which web processes and workers share."""
+    """One job, in files that web processes and workers share."""
 
     def __init__(self, root, job):
         self.job = job
@@ -77,19 +77,19 @@ class JobFolder:
             return None
 
     def say(self, **state):
-        """Say how it goes."""
+        """Write its state."""
         path = self.path / "state.json"
         try:
             write_json(path, state)
         except OSError:
-            # On a full disk only the file that is there has room left.
+            # A full disk has no room for a new file: overwrite the old one.
             with path.open("r+b") as stream:
                 stream.write(json.dumps(state).encode())
                 stream.truncate()
 
     @property
     def cancelled(self):
-        """Whether somebody asked for its end, or removed it altogether."""
+        """Whether somebody cancelled or removed it."""
         return (self.path / "cancel").exists() or not self.path.exists()
 
     def cancel(self):
@@ -97,7 +97,7 @@ class JobFolder:
         (self.path / "cancel").touch()
 
     def take(self, who):
-        """Whether this caller, and nobody before, decides what becomes of a waiting job."""
+        """Return True for the first caller only: it decides what happens to a waiting job."""
         try:
             with (self.path / "taken").open("x") as marker:
                 marker.write(who)
@@ -110,7 +110,7 @@ class JobFolder:
         return (Path(about["assets"]) / "volcalc" / f"{self.job}.json").is_file()
 
     def remove(self):
-        """Forget it, with all that it left."""
+        """Delete its folder."""
         shutil.rmtree(self.path, ignore_errors=True)
 
     def size(self):
@@ -150,7 +150,7 @@ class JobFolder:
         state = told.get("state")
         taken = self._time("taken") if state == "queued" else None
         if taken is not None:
-            # Its worker has begun, and has still to load what it measures with.
+            # Its worker has started and is still loading its modules.
             state, told = "running", {"stage": "starting", "beat": taken, "started": taken}
             if self._text("taken") == "lost":
                 state, told = "lost", {"beat": taken}
@@ -199,7 +199,7 @@ def all_jobs(root):
 
 
 def sweep(root, living, always=False):
-    """Remove jobs whose time has come, whose task is gone, or which are too many.
+    """Remove jobs that are too old, whose task is gone, or of which there are too many.
 
     Parameters
     ----------

@@ -4,16 +4,16 @@ import time
 import uuid
 from datetime import datetime, timezone
 
+from ..files.folders import ENDED, KEPT_DAYS, QUEUED_LOST_S, all_jobs
+from ..files.store import write_json
 from . import broker
-from .folders import ENDED, KEPT_DAYS, QUEUED_LOST_S, all_jobs
-from .store import write_json
 
 __all__ = ["job_row", "message_of", "own_rows", "settle", "slots_taken"]
 
-#: The broker is asked so often at most, and twice before a job is called lost: a message that is
-#: on its way from the queue to a worker is in neither for a moment.
+#: Least time between two questions to the broker. A job is lost when two find no message: one that
+#: moves from the queue to a worker is in neither for a moment.
 _ASK_S = 15.0
-#: Where the broker cannot be asked, a job that has waited so long is lost.
+#: A job is lost after this time where the broker cannot be asked.
 _UNKNOWN_LOST_S = 24 * 3600.0
 
 
@@ -78,7 +78,7 @@ def _settle(folder, about):
     try:
         if not _forgotten(folder, now, waited):
             return
-        # If a worker was quicker it runs; if not it never will.
+        # Either a worker has taken it meanwhile, or it will never run.
         folder.take("lost")
     except OSError:
         return  # it is asked again
@@ -90,7 +90,7 @@ def _forgotten(folder, now, waited):
     if 0 <= now - before < _ASK_S:
         return False
     path = folder.path / "asked_for.json"
-    # First of all, so that others do not ask meanwhile: it takes seconds when nobody answers.
+    # Written before asking, which can take seconds, so that no other request asks meanwhile.
     write_json(path, [now, missing])
     try:
         held = broker.holds(message_of(folder.job))
