@@ -193,6 +193,8 @@ STANDARD = getattr(sys, "stdlib_module_names", frozenset()) | {
         "fcntl",
         "functools",
         "gc",
+        "html",
+        "numbers",
     ),
     *("hashlib", "importlib", "inspect", "itertools", "json", "logging", "math", "os", "pathlib"),
     *("re", "shutil", "stat", "sys", "time", "typing", "unicodedata", "uuid"),
