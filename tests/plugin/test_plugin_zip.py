@@ -176,7 +176,7 @@ def test_nothing_but_webodms_own_is_imported_when_the_plugin_loads():
             assert roots <= WEBODM | STANDARD, package
     assert seen >= {("plugin", "web", "starting"), ("plugin", "worker", "job")}
     library = {package[1] for package in seen if package[0] == "quantify_client" and package[1:]}
-    assert library <= {"types", "errors"}
+    assert library <= {"types", "errors", "options"}
     assert ("plugin", "worker", "work") not in seen
 
 
