@@ -28,7 +28,7 @@ from shapely.geometry import Polygon, box
 from quantify_client.types import FloatArray, Window
 from quantify_client.volcalc.terrain.accumulate import TerrainAccumulator
 from quantify_client.volcalc.terrain.grid_offsets import measure_area
-from quantify_client.volcalc.terrain.measure import Recipe
+from quantify_client.volcalc.terrain.measure import TerrainRecipe
 
 SIDE, MIDDLE = 40.0, 20.0
 EAST, NORTH, LEVEL = 500_000.0, 5_000_000.0, 100.0
@@ -130,9 +130,8 @@ def ours(points: FloatArray, outline: Polygon) -> tuple[float, float]:
     """Volume and standard deviation."""
     accumulator = TerrainAccumulator([Window(*outline.bounds)])
     accumulator.absorb(accumulator.reduce(*points))
-    left, bottom = outline.bounds[:2]
-    local = translate(outline, -left, -bottom)
-    result = measure_area("area", local, *accumulator.ground(0), Recipe())
+    kept = accumulator.points_of(0)
+    result = measure_area("area", kept.to_local(outline), kept, TerrainRecipe())
     return result.volume_m3, result.std_m3 or 0.0
 
 

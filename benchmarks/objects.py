@@ -32,7 +32,7 @@ from scipy.spatial import ConvexHull
 
 from quantify_client.errors import QuantifyError
 from quantify_client.types import FloatArray
-from quantify_client.volcalc.paper.polar import polar_volume
+from quantify_client.volcalc.paper import polar_volume
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from scans import CLEAN, Flaws, scan, volume_of

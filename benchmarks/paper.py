@@ -14,7 +14,7 @@ from typing import Optional
 import numpy as np
 
 from quantify_client.types import FloatArray
-from quantify_client.volcalc.paper.polar import polar_volume
+from quantify_client.volcalc.paper import polar_volume
 
 SEED = 20
 SPHERE = math.pi / 6.0

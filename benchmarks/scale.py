@@ -112,7 +112,7 @@ def decode(cloud: Path) -> None:
 
 
 def measure(cloud: Path, areas: int) -> None:
-    from quantify_client.pipeline import measure as measure_cloud
+    from quantify_client import measure as measure_cloud
 
     options: Dict[str, Any] = {"shape": "terrain"}
     if areas:

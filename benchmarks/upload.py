@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Tuple
 
 from quantify_client.jobs import create_job, plan_job
-from quantify_client.sfm.servers.nodeodm import Node
+from quantify_client.sfm.servers.nodeodm import NodeClient
 
 TESTS = Path(__file__).resolve().parents[1] / "tests"
 CONNECTIONS = 4
@@ -85,7 +85,7 @@ def photographs(folder: Path, count: int, size: int) -> None:
 def bare(url: str, folder: Path) -> float:
     """Send all files with nothing but http.client; seconds."""
     task = str(uuid.uuid4())
-    Node(url).init(task, "bare", {})
+    NodeClient(url).init(task, "bare", {})
     files: queue.SimpleQueue[Path] = queue.SimpleQueue()
     for path in sorted(folder.iterdir()):
         files.put(path)

@@ -6,9 +6,9 @@ installed after it, and an import that fails here means that they never are.
 
 from app.plugins import MountPoint, PluginBase
 
-from .api import Overview, Series
-from .job_views import Drop, JobResult, Jobs, OneJob, StartAgain
-from .saved_views import Again, Export, Measurements, OneMeasurement
+from .web.job_views import Drop, JobResult, Jobs, OneJob, StartAgain
+from .web.overview import Overview, Series
+from .web.saved_views import Again, Export, Measurements, OneMeasurement
 
 __all__ = ["Plugin"]
 

@@ -3,14 +3,36 @@
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, List
 
 if TYPE_CHECKING:
     from .errors import QuantifyError
-    from .pipeline import convert_control, describe, measure, scale
+    from .options import Options
+    from .pipeline.control.account import convert_control
+    from .pipeline.control.scale import scale
+    from .pipeline.run import describe, measure
     from .report import to_json, write_report
     from .sfm.servers.access import Access
-    from .types import AreaFailure, AreaResult, Measurement, Options
+    from .types import AreaFailure, AreaResult, Measurement, Scaled
+
+    __version__: str
+
+# The module of each public name, imported when the name is first used: the command starts at once.
+_MODULES = {
+    "Access": "sfm.servers.access",
+    "AreaFailure": "types",
+    "AreaResult": "types",
+    "Measurement": "types",
+    "Options": "options",
+    "QuantifyError": "errors",
+    "Scaled": "types",
+    "convert_control": "pipeline.control.account",
+    "describe": "pipeline.run",
+    "measure": "pipeline.run",
+    "scale": "pipeline.control.scale",
+    "to_json": "report",
+    "write_report": "report",
+}
 
 __all__ = [
     "Access",
@@ -19,6 +41,8 @@ __all__ = [
     "Measurement",
     "Options",
     "QuantifyError",
+    "Scaled",
+    "__version__",
     "convert_control",
     "describe",
     "measure",
@@ -27,13 +51,15 @@ __all__ = [
     "write_report",
 ]
 
-_MODULES = ("errors", "types", "sfm.servers.access", "pipeline", "report")
-
 
 def __getattr__(name: str) -> Any:
-    """Import a public name when it is first used, so that the command starts at once."""
-    for room in _MODULES if name in __all__ else ():
-        found = getattr(import_module(f".{room}", __name__), name, None)
-        if found is not None:
-            return found
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    """Import a public name when it is first used."""
+    if name == "__version__":
+        return import_module(".version", __name__).package_version()
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f".{_MODULES[name]}", __name__), name)
+
+
+def __dir__() -> List[str]:
+    return list(__all__)

@@ -1,6 +1,7 @@
-"""What the command and ``python -m quantify_client`` start: Ctrl-C counts from the first moment.
+"""Entry point of the command and of ``python -m quantify_client``.
 
-Reading numpy, scipy and matplotlib takes a second, in which an interrupt is as likely as later.
+Interrupts are handled before anything else is imported: importing numpy and scipy takes half a
+second, in which Ctrl-C is as likely as later.
 """
 
 from __future__ import annotations

@@ -1,106 +1,372 @@
-"""Options: which contradict each other, and what they leave to be chosen."""
+"""The options of a measurement: what each is called, what it may be and what it means.
+
+One field of `Options` is one option. From its `Option` come the arguments of the command line, the
+checks and their messages, what a job's folder may hold and what a request to the WebODM plugin may
+ask for; the keywords of :func:`quantify_client.measure` are compared with it by a test. Nothing but
+the errors is imported here, so that the command line and the plugin start at once.
+"""
 
 from __future__ import annotations
 
+# ruff: noqa: RUF009 - what looks like a default of a field here makes the field
 import math
+from contextlib import suppress
+from dataclasses import dataclass, field, fields, replace
+from numbers import Integral, Real
+from typing import Any, Dict, Iterable, List, Mapping, Optional, Tuple, Union
 
-from .crs import UNITS_M
 from .errors import UsageError
-from .scaler.adjustment.fit import MODES
-from .types import Options
-from .volcalc.terrain.base import BASES
-from .volcalc.terrain.integrate import MAX_SLICES
 
-__all__ = ["MOST_THREADS", "check_options", "choose_shape"]
+__all__ = ["OPTIONS", "UNITS", "Option", "Options", "choose_shape", "read_options"]
 
-MOST_THREADS = 256
+#: The units of lengths that a source may be in.
+UNITS = ("m", "cm", "mm", "ft", "us-ft")
 
-_OBJECT_METHODS = ("section", "polar")
+#: The groups of options, as headings of the command line's help.
+MEASURED = "what is measured"
+TERRAIN = "terrain: an open surface against a base"
+OBJECT = "object: a closed body"
+CONTROL = "true size by control"
+COORDINATES = "coordinates and units"
+AMOUNTS = "mass and speed"
+
 _DENSEST = 22.6  # t/m3: osmium
-_FLOORS = ("auto", "none", "plane")
+
+_FILE = {"kind": "given", "metavar": "FILE", "request": None}
+_ELEVATION = {"kind": "number", "amount": "an elevation", "request": (-20_000, 20_000)}
+_LENGTH = {
+    "kind": "number",
+    "metavar": "LENGTH",
+    "amount": "a length above 0",
+    "above": 0.0,
+    "request": (0, 10_000),
+}
 
 
-def check_options(options: Options) -> Options:
-    """Return the options, or say which are out of range or contradict each other.
+@dataclass(frozen=True)
+class Option:
+    """One option: its name, what it may be, and how it is explained.
+
+    Attributes
+    ----------
+    help : one line; empty for an option that is no argument of the command line by itself.
+    group : the heading that it is listed under.
+    kind : ``"flag"``, ``"choice"``, ``"number"`` or ``"whole"`` (number), ``"text"``, or
+        ``"given"`` (a file, or what a Python program has in its place).
+    choices : the texts that it may be, a number besides its numbers.
+    above, least, most : limits of a number; `above` itself is outside.
+    metavar : what stands for a value in help, beside the choices.
+    amount : in words, what a number may be.
+    goes_with : what it is for, where it is not for everything: ``"object"`` (of which ``"section"``
+        and ``"polar"`` are methods), ``"terrain"`` or ``"control"``.
+    request : lowest and highest number in a request to the plugin; None where it cannot be asked.
+    title : what messages call an option that is no argument by itself.
+    """
+
+    name: str = ""
+    default: Any = None
+    help: str = ""
+    group: str = ""
+    kind: str = "choice"
+    choices: Tuple[str, ...] = ()
+    metavar: Optional[str] = None
+    above: float = -math.inf
+    least: float = -math.inf
+    most: float = math.inf
+    amount: str = ""
+    goes_with: str = ""
+    request: Optional[Tuple[float, float]] = (0, 0)
+    title: str = ""
+
+    @property
+    def flag(self) -> str:
+        """The command line's name."""
+        return self.title or "--" + self.name.replace("_", "-")
+
+    @property
+    def expected(self) -> str:
+        """What it may be, in words."""
+        words = [*self.choices, *([self.amount] if self.amount else [])] or ["True", "False"]
+        return " or ".join([", ".join(words[:-1]), words[-1]] if words[1:] else words)
+
+    def read(self, value: Any) -> Any:
+        """Return a value that a user gave; a number may be a text, as on the command line.
+
+        Raises
+        ------
+        UsageError
+            It is not what the option may be.
+
+        Examples
+        --------
+        >>> OPTIONS["slices"].read("7"), OPTIONS["slices"].read("auto")
+        (7, 'auto')
+        """
+        if value is self.default or self.kind in ("given", "text"):
+            return value
+        if self.kind in _NUMBERS:
+            number, also = _NUMBERS[self.kind]
+            if isinstance(value, (str, also)) and not isinstance(value, (int, float)):
+                with suppress(ValueError):
+                    value = number(value)
+        if not self._accepts(value):
+            raise UsageError(f"{self.flag} is {str(value)[:100]}; give {self.expected}")
+        return value
+
+    def _accepts(self, value: Any) -> bool:
+        if self.kind == "flag":
+            return isinstance(value, bool)
+        if isinstance(value, str):
+            return value in self.choices
+        whole = isinstance(value, int) and not isinstance(value, bool)
+        if not (whole or (self.kind == "number" and isinstance(value, float))):
+            return False
+        return math.isfinite(value) and self.above < value and self.least <= value <= self.most
+
+
+# What a number is kept as, and what else is one: numpy's.
+_NUMBERS: Mapping[str, Tuple[Any, Any]] = {"number": (float, Real), "whole": (int, Integral)}
+
+
+def _option(default: Any, help: str = "", group: str = "", **about: Any) -> Any:
+    return field(default=default, metadata={"option": Option("", default, help, group, **about)})
+
+
+@dataclass(frozen=True)
+class Options:
+    """Everything that decides a measurement; each field is a command-line option of the same name.
+
+    Lengths and elevations are in metres, densities in t/m3. ``area`` is a file with polygons or
+    what :func:`quantify_client.measure` takes in its place, ``gcp`` a control file. ``crs``
+    (``EPSG:n``, WKT, a PROJ string or a file with one) and ``vertical_unit`` go before what the
+    cloud says; ``source_unit`` is for one that does not say. ``threads`` is 0 for as many as the
+    processor has, up to 4. :data:`OPTIONS` has the rest.
+    """
+
+    area: Optional[Any] = _option(
+        None,
+        "polygons: GeoJSON, KML, KMZ; with the extra 'vector' also shapefile, GeoPackage, DXF. One "
+        "result for each",
+        MEASURED,
+        **_FILE,
+    )
+    shape: str = _option(
+        "auto",
+        "terrain or a body; auto: what the other options, the areas and the source tell",
+        MEASURED,
+        choices=("auto", "object", "terrain"),
+    )
+    method: Optional[str] = _option(
+        None,
+        "sections of any body (default), or the paper's slices",
+        OBJECT,
+        choices=("section", "polar"),
+        goes_with="object",
+    )
+    slices: Union[str, int] = _option(
+        "auto",
+        "number of slices",
+        MEASURED,
+        kind="whole",
+        choices=("auto",),
+        metavar="N",
+        least=1,
+        most=10_000,
+        amount="1 to 10000",
+        request=(1, 1000),
+    )
+    slice_height: Optional[float] = _option(None, "height of the slices", MEASURED, **_LENGTH)
+    base: Optional[Union[str, float]] = _option(
+        None,
+        "the surface that volumes are measured from (default triangulate)",
+        TERRAIN,
+        choices=("triangulate", "plane", "average", "lowest", "highest", "compare"),
+        metavar="ELEVATION",
+        goes_with="terrain",
+        **_ELEVATION,
+    )
+    center_caps: bool = _option(
+        False,
+        "with --method polar: end slabs centred on the end points",
+        OBJECT,
+        kind="flag",
+        goes_with="polar",
+    )
+    hollow: bool = _option(
+        False, "what would hold water is void, not solid", OBJECT, kind="flag", goes_with="section"
+    )
+    max_gap: Optional[float] = _option(
+        None,
+        "widest opening in the surface to be closed (default: found from the cloud)",
+        OBJECT,
+        goes_with="section",
+        **_LENGTH,
+    )
+    floor: Union[str, float] = _option(
+        "auto",
+        "what it stands on; the ground is left out and the body closed there",
+        OBJECT,
+        choices=("auto", "none", "plane"),
+        metavar="Z",
+        goes_with="section",
+        **_ELEVATION,
+    )
+    accuracy: Optional[float] = _option(
+        None,
+        "standard deviation of the surface of a closed mesh; gives it an interval",
+        OBJECT,
+        goes_with="section",
+        **{**_LENGTH, "request": None},
+    )
+    grid: bool = _option(False, "no grid-to-ground correction", COORDINATES, kind="flag")
+    gcp: Optional[Any] = _option(
+        None,
+        "taped distances, positions, scale bars: set the cloud's size right by them first",
+        CONTROL,
+        **_FILE,
+    )
+    area_frame: str = _option(
+        "cloud",
+        "with --gcp: areas and elevations are those of the delivered cloud and move with it "
+        "(default), or were surveyed like the control",
+        CONTROL,
+        choices=("cloud", "control"),
+        goes_with="control",
+    )
+    scale_mode: str = _option(
+        "auto",
+        "only the size (scale), also heading and place (shift), or everything (full); auto: what "
+        "the cloud needs and the control can tell",
+        CONTROL,
+        choices=("auto", "scale", "shift", "full"),
+        goes_with="control",
+    )
+    crs: Optional[str] = _option(
+        None,
+        "EPSG:n, WKT, a PROJ string or a file with one: in place of what the cloud says",
+        COORDINATES,
+        kind="text",
+        metavar="CODE|FILE",
+    )
+    source_unit: Optional[str] = _option(
+        None, "for a cloud that does not say", COORDINATES, choices=UNITS
+    )
+    vertical_unit: Optional[str] = _option(
+        None, "of heights, in place of what the cloud says", COORDINATES, choices=UNITS
+    )
+    density: Optional[float] = _option(
+        None,
+        "adds tonnes",
+        AMOUNTS,
+        kind="number",
+        metavar="T_PER_M3[:SIGMA]",
+        above=0.0,
+        amount="tonnes per cubic metre above 0 (T_PER_M3 or T_PER_M3:SIGMA)",
+        request=(0, _DENSEST),
+    )
+    density_sigma: float = _option(
+        0.0,
+        kind="number",
+        least=0.0,
+        amount="tonnes per cubic metre from 0",
+        title="the sigma of --density",
+        request=(0, 100),
+    )
+    threads: int = _option(
+        0,
+        "default: the processor's, up to 4",
+        AMOUNTS,
+        kind="whole",
+        metavar="N",
+        least=1,
+        most=256,
+        amount="a number from 1 to 256",
+        request=None,
+    )
+
+    def given(self) -> Dict[str, Any]:
+        """Return the options that are not left at their defaults.
+
+        Examples
+        --------
+        >>> Options(hollow=True, max_gap=0.5).given()
+        {'hollow': True, 'max_gap': 0.5}
+        """
+        values = {name: getattr(self, name) for name in OPTIONS}
+        return {
+            name: value
+            for name, value in values.items()
+            if value is not None
+            and (OPTIONS[name].kind == "given" or value != OPTIONS[name].default)
+        }
+
+
+#: Each option by its name.
+OPTIONS: Mapping[str, Option] = {
+    item.name: replace(item.metadata["option"], name=item.name) for item in fields(Options)
+}
+
+
+def read_options(given: Mapping[str, Any]) -> Options:
+    """Return the options that a user gave, each checked and all together.
+
+    Parameters
+    ----------
+    given : values by name, of options and of other things. ``density`` may have its sigma with it.
 
     Raises
     ------
     UsageError
         In one line, with the command line's names of the options.
+
+    Examples
+    --------
+    >>> options = read_options({"density": "1.6:0.1", "slices": "7"})
+    >>> options.density, options.density_sigma, options.slices
+    (1.6, 0.1, 7)
     """
-    _check_slices(options)
-    _check_base(options)
-    _check_object(options)
-    _check_control(options)
-    density, sigma = options.density, options.density_sigma
-    if density is not None and not 0 < density < math.inf:
-        raise UsageError(f"--density is {density}; give tonnes per cubic metre above 0")
+    values = {name: given[name] for name in OPTIONS if name in given}
+    density = values.get("density")
+    if isinstance(density, str) and ":" in density:
+        values["density"], _, values["density_sigma"] = density.partition(":")
+    read = {name: OPTIONS[name].read(value) for name, value in values.items()}
+    return _consistent(Options(**read))
+
+
+def _consistent(options: Options) -> Options:
+    """Return the options, or raise UsageError for those that contradict each other."""
+    given = options.given()
+    density = options.density
     if density is not None and density > _DENSEST:
         raise UsageError(
             f"--density is {density:g} t/m3, more than that of any material ({_DENSEST:g}); for "
             f"{density:g} kg/m3 give {density / 1000:g}"
         )
-    if not 0 <= sigma < math.inf:
-        raise UsageError(f"the sigma of --density is {sigma}; give tonnes per cubic metre from 0")
-    if options.vertical_unit is not None and options.vertical_unit not in UNITS_M:
-        raise UsageError(f"--vertical-unit is {options.vertical_unit}; give {', '.join(UNITS_M)}")
-    if options.method is not None and options.method not in _OBJECT_METHODS:
-        raise UsageError(f"--method is {options.method}; give {' or '.join(_OBJECT_METHODS)}")
-    if not 0 <= options.threads <= MOST_THREADS:
-        raise UsageError(f"--threads is {options.threads}; give a number from 1 to {MOST_THREADS}")
-    return options
-
-
-def _check_slices(options: Options) -> None:
-    slices, height = options.slices, options.slice_height
-    if slices != "auto" and height is not None:
+    if "slices" in given and "slice_height" in given:
         raise UsageError("--slices and --slice-height exclude each other: give one of them")
-    if slices != "auto" and not (isinstance(slices, int) and 1 <= slices <= MAX_SLICES):
-        raise UsageError(f"--slices is {slices}; give auto or 1 to {MAX_SLICES}")
-    if height is not None and not 0 < height < math.inf:
-        raise UsageError(f"--slice-height is {height}; give a length above 0")
-
-
-def _check_base(options: Options) -> None:
-    base = options.base
-    if isinstance(base, str) and base not in (*BASES, "compare"):
-        names = ", ".join((*BASES, "compare"))
-        raise UsageError(f"--base is {base}; give {names} or an elevation")
-    if isinstance(base, (int, float)) and not math.isfinite(base):
-        raise UsageError(f"--base is {base}; give a finite elevation")
-
-
-def _check_object(options: Options) -> None:
-    gap, floor = options.max_gap, options.floor
-    if gap is not None and not 0 < gap < math.inf:
-        raise UsageError(f"--max-gap is {gap}; give a length above 0")
-    if floor not in _FLOORS if isinstance(floor, str) else not math.isfinite(floor):
-        raise UsageError(f"--floor is {floor}; give {', '.join(_FLOORS)} or an elevation")
-    accuracy = options.accuracy
-    if accuracy is not None and not 0 < accuracy < math.inf:
-        raise UsageError(f"--accuracy is {accuracy}; give a length above 0")
-    if options.center_caps and options.method == "section":
+    if options.method == "section" and options.center_caps:
         raise UsageError("--center-caps goes with --method polar: leave one of them out")
-    of_sections = options.hollow or gap is not None or floor != "auto" or accuracy is not None
-    if options.method == "polar" and of_sections:
-        raise UsageError(
-            "--hollow, --max-gap, --floor and --accuracy go with --method section, not polar"
-        )
-
-
-def _check_control(options: Options) -> None:
-    frames = ("cloud", "control")
-    if options.scale_mode not in MODES:
-        raise UsageError(f"--scale-mode is {options.scale_mode}; give {', '.join(MODES)}")
-    if options.area_frame not in frames:
-        raise UsageError(f"--area-frame is {options.area_frame}; give {' or '.join(frames)}")
-    if options.gcp is None and (options.scale_mode != "auto" or options.area_frame != "cloud"):
-        raise UsageError("--scale-mode and --area-frame go with --gcp: give a control file")
+    if options.method == "polar" and _for(given, "section"):
+        raise UsageError(f"{_go('section')} with --method section, not polar")
+    if options.gcp is None and _for(given, "control"):
+        raise UsageError(f"{_go('control')} with --gcp: give a control file")
     if options.gcp is not None and options.grid:
         raise UsageError(
             "--grid goes without --gcp: with control everything is measured on the ground, as the "
             "tapes are"
         )
+    return options
+
+
+def _for(names: Iterable[str], *purposes: str) -> List[str]:
+    """Return which of some options go with something."""
+    return [name for name in names if OPTIONS[name].goes_with in purposes]
+
+
+def _go(*purposes: str) -> str:
+    """Return the names of all options that go with something, and the verb: ``--base goes``."""
+    names = [OPTIONS[name].flag for name in _for(OPTIONS, *purposes)]
+    return f"{', '.join(names[:-1])} and {names[-1]} go" if names[1:] else f"{names[0]} goes"
 
 
 def choose_shape(options: Options, *, has_crs: bool, is_odm: bool) -> str:
@@ -114,28 +380,20 @@ def choose_shape(options: Options, *, has_crs: bool, is_odm: bool) -> str:
     >>> choose_shape(Options(), has_crs=True, is_odm=False)
     'terrain'
     """
-    for_object = (
-        options.method is not None
-        or options.center_caps
-        or options.hollow
-        or options.max_gap is not None
-        or options.floor != "auto"
-    )
-    for_terrain = options.base is not None
-    if options.shape not in ("auto", "terrain", "object"):
-        raise UsageError(f"--shape is {options.shape}; give auto, terrain or object")
-    of_object = for_object or options.accuracy is not None
-    if of_object and (for_terrain or options.shape == "terrain"):
+    given, shape = options.given(), options.shape
+    for_object = _for(given, "object", "section", "polar")
+    for_terrain = _for(given, "terrain")
+    if for_object and (for_terrain or shape == "terrain"):
         raise UsageError(
-            "--method, --center-caps, --accuracy, --hollow, --max-gap and --floor go with "
-            "--shape object, --base with --shape terrain"
+            f"{_go('object', 'section', 'polar')} with --shape object, {_go('terrain')} with "
+            "--shape terrain"
         )
-    if options.shape == "object" and for_terrain:
-        raise UsageError("--base goes with --shape terrain: leave one of them out")
-    shape = options.shape
+    if shape == "object" and for_terrain:
+        raise UsageError(f"{_go('terrain')} with --shape terrain: leave one of them out")
     if shape == "auto":
         likely_terrain = for_terrain or options.area is not None or has_crs or is_odm
-        shape = "terrain" if likely_terrain and not for_object else "object"
+        decided = [name for name in for_object if name != "accuracy"]
+        shape = "terrain" if likely_terrain and not decided else "object"
     if shape == "object" and options.area is not None:
         raise UsageError("--area goes with --shape terrain: an object is measured whole")
     return shape

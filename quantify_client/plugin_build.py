@@ -30,7 +30,7 @@ _PLATFORMS = ("manylinux2014_x86_64", "manylinux_2_17_x86_64", "manylinux_2_28_x
 # The command line and what it alone uses stay out.
 _LEFT_OUT = re.compile(
     r"(^|/)(\.[^/]*|__pycache__|demo|plugin_files|commands|jobs|node_modules)(/|$)|\.py[co]$|~$"
-    r"|^(__main__|cli|arguments|plugin_build)\.py$"
+    r"|^(__main__|cli|plugin_build)\.py$"
 )
 _COMPILED = re.compile(r"(^|/)__pycache__/|\.py[co]$")
 _PANEL_SOURCES = re.compile(

@@ -9,8 +9,8 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any, Callable, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
 
-from .cloud import DEFAULT_CHUNK, Cloud, Fetch, Mesh, open_cloud
-from .cloud.base import naming
+from .cloud import DEFAULT_CHUNK, Cloud, open_cloud
+from .cloud.base import CloudWrapper, naming
 from .crs import UNITS_M, Statement, given_crs, merge, same_coordinates, stated_by, statement_of_wkt
 from .errors import CloudError, UsageError
 from .files.reading import real_path
@@ -18,6 +18,7 @@ from .sfm.odm.archive import unpacked
 from .sfm.odm.layout import (
     ENTWINE,
     GEOREFERENCING,
+    LocatedCloud,
     Sidecar,
     belongs_to_odm,
     find_cloud,
@@ -25,9 +26,13 @@ from .sfm.odm.layout import (
     read_sidecar,
 )
 from .sfm.servers.access import Access
-from .types import Chunk, CloudInfo, CrsPart, Faces, Options, Window
+from .types import Chunk, CloudInfo, CrsPart, Faces, Notice, Options, Window
 
 __all__ = ["Source", "is_address", "open_source"]
+
+Aliases = Sequence[Tuple[str, str]]
+"""Names of temporary folders, and what users know them by."""
+Progress = Callable[[str, float], None]
 
 _URL = re.compile(r"^https?:/", re.IGNORECASE)
 _MODEL_STEM = "odm_georeferenced_model"
@@ -66,7 +71,7 @@ def open_source(
     cameras: bool = False,
     access: Optional[Access] = None,
     windowed: bool = False,
-    progress: Optional[Callable[[str, float], None]] = None,
+    progress: Optional[Progress] = None,
     options: Optional[Options] = None,
 ) -> Iterator[Source]:
     """Open what the user gave: one source, or several tiles of one survey.
@@ -92,53 +97,36 @@ def open_source(
     """
     if not sources:
         raise CloudError("no source is given; expected a point cloud, a folder or an all.zip")
+    # What follows ? in an address may hold a token, and says nothing of the task.
+    names = [re.split("[?#]", str(s))[0] if is_address(s) else str(s) for s in sources]
     with ExitStack() as stack:
-        wanted = _Wanted(cameras, access, windowed, progress or (lambda stage, share: None))
-        located = [_locate(str(source), stack, wanted) for source in sources]
-        aliases = tuple(alias for item in located for alias in item.aliases)
+        located: List[LocatedCloud] = []
+        for given in names:
+            if is_address(given):
+                from .sfm.servers.webodm_cloud import task_cloud  # only where a server is asked
+
+                who = Access.from_environment() if access is None else access
+                task = task_cloud(given, who, cameras, windowed, progress)
+                located.append(stack.enter_context(task))
+            else:
+                located.append(_local(given, cameras, stack))
+        aliases = tuple(item.alias for item in located if item.alias)
+        paths = tuple(path for item in located for path in item.paths)
         with _renaming(aliases):
             cloud = open_cloud(
-                [path for item in located for path in item.paths],
+                paths,
                 {path: item.fetch for item in located if item.fetch for path in item.paths},
                 any_crs=options is not None and options.crs is not None,
             )
         yield Source(
             cloud=_Presented(cloud, _info(cloud.info, located, aliases, options), aliases),
-            label=" ".join(item.given for item in located),
-            stem=_common_stem(located),
+            label=" ".join(names),
+            stem=_common_stem(names, located[0]) or "cloud",
             is_odm=any(item.is_odm for item in located),
-            inputs=tuple(entry for item in located for entry in item.inputs),
-            project=project_of(located[0].paths[0]) if len(located) == 1 else None,
-            files=tuple(path for item in located for path in item.paths),
+            inputs=tuple(entry for item in located for entry in item.inputs or ()),
+            project=project_of(paths[0]) if len(located) == 1 else None,
+            files=paths,
         )
-
-
-Aliases = Tuple[Tuple[str, str], ...]
-
-
-@dataclass(frozen=True)
-class _Wanted:
-    """What of a source will be needed, and how to come by it; see `open_source`."""
-
-    cameras: bool
-    access: Optional[Access]
-    windowed: bool
-    progress: Callable[[str, float], None]
-
-
-@dataclass(frozen=True)
-class _Located:
-    """One source found: its files, and how to name those that only exist for now."""
-
-    given: str
-    paths: Tuple[Path, ...]
-    is_odm: bool
-    inputs: Tuple[Mapping[str, Any], ...]
-    sidecar: Optional[Sidecar] = None
-    warnings: Tuple[str, ...] = ()
-    aliases: Aliases = ()
-    fetch: Optional[Fetch] = None
-    stem: Optional[str] = None
 
 
 def is_address(given: Union[str, Path]) -> bool:
@@ -146,9 +134,7 @@ def is_address(given: Union[str, Path]) -> bool:
     return bool(_URL.match(str(given)))
 
 
-def _locate(given: str, stack: ExitStack, wanted: _Wanted) -> _Located:
-    if is_address(given):
-        return _locate_task(given, stack, wanted)
+def _local(given: str, cameras: bool, stack: ExitStack) -> LocatedCloud:
     path = Path(given)
     with naming(path, "check the path"):
         if not path.exists():
@@ -158,47 +144,11 @@ def _locate(given: str, stack: ExitStack, wanted: _Wanted) -> _Located:
             raise CloudError(f"{path}: is not a file; check the path")
     if is_folder:
         found = find_cloud(path)
-        inputs = tuple(_input(str(file), file) for file in found.paths)
-        sidecar = None if found.warnings else read_sidecar(found.paths[0])
-        return _Located(given, found.paths, found.is_odm, inputs, sidecar, found.warnings)
-    entry = (_input(given, path),)
+        return replace(found, inputs=[_input(str(file), file) for file in found.paths])
+    entry = _input(given, path)
     if path.suffix.lower() == ".zip":
-        file = stack.enter_context(unpacked(path, cameras=wanted.cameras))
-        is_odm = file.parent.name.startswith("odm_")
-        alias = (str(file.parent.parent if is_odm else file.parent), given)
-        return _Located(given, (file,), is_odm, entry, read_sidecar(file), aliases=(alias,))
-    return _Located(given, (path,), belongs_to_odm(path), entry, read_sidecar(path))
-
-
-def _locate_task(given: str, stack: ExitStack, wanted: _Wanted) -> _Located:
-    from .sfm.servers.webodm_cloud import (
-        task_cloud,  # with what it needs, only where a server is asked
-    )
-
-    access = wanted.access if wanted.access is not None else Access.from_environment()
-    found = stack.enter_context(
-        task_cloud(
-            given,
-            access,
-            cameras=wanted.cameras,
-            windowed=wanted.windowed,
-            progress=wanted.progress,
-        )
-    )
-    sidecar = read_sidecar(found.path) or (
-        Sidecar(found.crs, "the task's EPSG code") if found.crs else None
-    )
-    return _Located(
-        found.given,
-        (found.path,),
-        True,
-        (found.entry,),
-        sidecar,
-        found.warnings,
-        aliases=((str(found.folder), found.given.rstrip("/")),),
-        fetch=found.fetch,
-        stem=found.stem,
-    )
+        return replace(stack.enter_context(unpacked(path, cameras=cameras)), inputs=[entry])
+    return LocatedCloud((path,), belongs_to_odm(path), read_sidecar(path), inputs=[entry])
 
 
 def _input(given: str, path: Path) -> Mapping[str, Any]:
@@ -211,7 +161,7 @@ def _input(given: str, path: Path) -> Mapping[str, Any]:
 
 
 def _info(
-    info: CloudInfo, located: Sequence[_Located], aliases: Aliases, options: Optional[Options]
+    info: CloudInfo, located: Sequence[LocatedCloud], aliases: Aliases, options: Optional[Options]
 ) -> CloudInfo:
     """Add what the user and the surroundings of the files say beyond the files themselves."""
     warnings = [_rename(text, aliases) for text in info.warnings]
@@ -232,9 +182,12 @@ def _info(
         if sidecar.fits(info.bounds):
             statements.append(statement_of_wkt(sidecar.crs, sidecar.origin))
         elif not statements:
-            warnings.append(
+            text = (
                 f"{sidecar.origin} says {sidecar.crs}, but the cloud is nowhere near the place it "
                 "gives: the cloud is taken to have no CRS (--crs gives one)"
+            )
+            warnings.append(
+                Notice("crs-far-from-cloud", text, origin=sidecar.origin, crs=sidecar.crs)
             )
     stated = merge(statements)
     if given is not None and stated.crs is None:
@@ -242,13 +195,19 @@ def _info(
             "--vertical-unit goes with a CRS or a unit of x and y, and the cloud names neither: "
             "give --crs or --source-unit, too"
         )
+    unit_parts: Tuple[CrsPart, ...] = ()
+    if options is not None and options.source_unit is not None:
+        unit_parts = tuple(
+            CrsPart(f"{axes} unit", options.source_unit, "--source-unit")
+            for axes in ("horizontal", "vertical")
+        )
     return replace(
         info,
         sources=tuple(_rename(text, aliases) for text in info.sources),
         crs=stated.crs,
         crs_origin=stated.origin,
         warnings=(*warnings, *stated.warnings),
-        crs_parts=stated.parts or _unit_parts(options),
+        crs_parts=stated.parts or unit_parts,
     )
 
 
@@ -267,23 +226,12 @@ def _given(options: Options) -> Optional[Statement]:
     )
 
 
-def _unit_parts(options: Optional[Options]) -> Tuple[CrsPart, ...]:
-    """Return the parts of a cloud without a CRS, whose unit the user gave."""
-    unit = None if options is None else options.source_unit
-    if unit is None:
-        return ()
-    return tuple(
-        CrsPart(f"{axes} unit", unit, "--source-unit") for axes in ("horizontal", "vertical")
-    )
-
-
-class _Presented:
+class _Presented(CloudWrapper):
     """A cloud under the names the user knows, with what its surroundings say of it."""
 
     def __init__(self, cloud: Cloud, info: CloudInfo, aliases: Aliases) -> None:
-        self._cloud = cloud
+        super().__init__(cloud, info)
         self._aliases = aliases
-        self.info = info
 
     def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
         """As the cloud itself; errors name the archive instead of a temporary file."""
@@ -293,7 +241,7 @@ class _Presented:
     def faces(self) -> Optional[Faces]:
         """As the cloud itself; None where it has none."""
         with _renaming(self._aliases):
-            return self._cloud.faces() if isinstance(self._cloud, Mesh) else None
+            return super().faces()
 
 
 @contextmanager
@@ -307,23 +255,28 @@ def _renaming(aliases: Aliases) -> Iterator[None]:
 
 
 def _rename(text: str, aliases: Aliases) -> str:
+    """Return a text, or a Notice, with the names that the user knows."""
+    renamed = str(text)
     for temporary, given in aliases:
-        text = text.replace(temporary, given)
-    return text
+        renamed = renamed.replace(temporary, given)
+    if not isinstance(text, Notice) or renamed == text:
+        return text if renamed == text else renamed
+    values = {
+        key: _rename(value, aliases) if isinstance(value, str) else value
+        for key, value in text.values.items()
+    }
+    return Notice(text.code, renamed, **values)
 
 
-def _common_stem(located: Sequence[_Located]) -> str:
-    given: List[str] = [item.given for item in located]
-    if len(given) == 1:
-        if located[0].stem:
-            return located[0].stem
-        return _stem(Path(given[0])) or "cloud"
-    parents = {real_path(name).parent for name in given}
-    return (parents.pop().name if len(parents) == 1 else _stem(Path(given[0]))) or "cloud"
+def _common_stem(names: Sequence[str], first: LocatedCloud) -> str:
+    parents = {real_path(name).parent for name in names}
+    if len(names) > 1 and len(parents) == 1:
+        return parents.pop().name
+    return (first.stem if len(names) == 1 else None) or _stem(Path(names[0]))
 
 
 def _stem(path: Path) -> str:
-    """The project's name for ODM's own file and folder names, else the file's."""
+    """Return the project's name for ODM's own file and folder names, else the file's."""
     real = real_path(path)
     if real.is_dir():
         return real.parent.name if real.name in _INNER else real.name

@@ -8,7 +8,6 @@ import sys
 from importlib import metadata
 from pathlib import Path
 from urllib.parse import urlsplit
-from urllib.request import url2pathname
 
 __all__ = ["VERSION_FILE", "how_to_add", "package_version"]
 
@@ -43,6 +42,8 @@ def how_to_add(extra: str) -> str:
 
 def _checkout() -> str:
     """Return the folder that pip installed this from, or nothing where that cannot be told."""
+    from urllib.request import url2pathname  # late: with all of http
+
     try:
         text = metadata.distribution(_NAME).read_text("direct_url.json") or "{}"
         url = urlsplit(json.loads(text).get("url", ""))

@@ -37,3 +37,8 @@ def features(*polygons, names=(), crs=UTM):
 def only(document):
     (result,) = document["results"]
     return result
+
+
+def texts(part):
+    """Return the sentences of a document's, or of a result's, warnings."""
+    return [warning["text"] for warning in part["warnings"]]

@@ -11,8 +11,9 @@ from scipy.spatial.transform import Rotation
 from solids import Body, draw_until
 
 from quantify_client.types import AreaResult
-from quantify_client.volcalc.body.measure import SolidRecipe, measure_solid
+from quantify_client.volcalc.body.measure import measure_body
 from quantify_client.volcalc.body.voxels import VoxelAccumulator
+from quantify_client.volcalc.slices import BodyRecipe
 
 OFFSET = np.array([500_000.0, 4_500_000.0, 100.0])
 """Where the scans are."""
@@ -22,7 +23,7 @@ def volume_of(points: np.ndarray, **options: Any) -> AreaResult:
     """Measure points (N, 3) as an object, without a file: all that the tests know of how."""
     cubes = VoxelAccumulator(points.min(axis=0), points.max(axis=0))
     cubes.absorb(cubes.reduce(*points.T))
-    return measure_solid("body", cubes.thinned(), SolidRecipe(**options))
+    return measure_body("body", cubes.thinned(), BodyRecipe(**options))
 
 
 @dataclass(frozen=True)

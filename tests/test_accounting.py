@@ -147,7 +147,9 @@ def test_rows_without_numbers_are_told_of_in_every_mode(tmp_path):
     said = "left out and not measured: 100 points (NaN in all coordinates), 1 point (NaN or "
     for options in ({"shape": "object"}, {"shape": "object", "method": "polar"}):
         told = measure(path, source_unit="m", **options)
-        assert any(text.startswith(said) for text in told.warnings)
+        (notice,) = (text for text in told.warnings if text.startswith(said))
+        assert notice.code == "points-left-out"
+        assert notice.values["points"]["NaN in all coordinates"] == 100
         assert only(told).volume_m3 == pytest.approx(BALL, rel=0.005)
         assert only(told).points_left_out["NaN in all coordinates"] == 100
     assert any(text.startswith(said) for text in describe(path)["warnings"])

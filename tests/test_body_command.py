@@ -10,7 +10,7 @@ import jsonschema
 import numpy as np
 import pytest
 from clouds import write_las
-from commands import only
+from commands import only, texts
 from scans import Flaws, scan
 from solids import cup, sphere
 
@@ -72,7 +72,7 @@ def test_a_cup_is_solid_unless_hollow(bodies, document):
     solid, hollow = math.pi / 4, math.pi / 4 - math.pi * 0.09 * 0.8
     full = only(document("volume", bodies / "cup.laz"))
     assert full["volume_m3"] == pytest.approx(solid, rel=0.01)
-    assert any("water counts as solid; --hollow" in line for line in full["warnings"])
+    assert any("water counts as solid; --hollow" in line for line in texts(full))
     empty = only(document("volume", bodies / "cup.laz", "--hollow"))
     assert empty["volume_m3"] == pytest.approx(hollow, rel=0.015)
 
@@ -80,7 +80,7 @@ def test_a_cup_is_solid_unless_hollow(bodies, document):
 def test_a_hole_is_closed_and_told_with_its_place_or_refused(bodies, document, run):
     result = only(document("volume", bodies / "holed.laz"))
     assert result["volume_m3"] == pytest.approx(BALL, rel=0.01)
-    (line,) = (line for line in result["warnings"] if "opening" in line)
+    (line,) = (line for line in texts(result) if "opening" in line)
     assert "was closed, the widest 0." in line
     status, out, err = run("volume", bodies / "holed.laz", "--max-gap", 0.1)
     assert (status, out) == (1, "")

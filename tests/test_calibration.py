@@ -8,13 +8,12 @@ from typing import Callable, Dict, Tuple
 import numpy as np
 import pytest
 from scipy import ndimage
-from shapely import affinity
 from shapely.geometry import Point, Polygon, box
 
 from quantify_client.types import AreaResult, Window
 from quantify_client.volcalc.terrain.accumulate import TerrainAccumulator
 from quantify_client.volcalc.terrain.grid_offsets import measure_area
-from quantify_client.volcalc.terrain.measure import Recipe
+from quantify_client.volcalc.terrain.measure import TerrainRecipe
 
 EAST, NORTH, SIDE = 576000.0, 5188000.0, 36.0
 CENTRE = (EAST + SIDE / 2, NORTH + SIDE / 2)
@@ -78,9 +77,8 @@ def _survey(seed: int, noise: str) -> Tuple[AreaResult, float]:
 def _measure(x: np.ndarray, y: np.ndarray, z: np.ndarray, polygon: Polygon) -> AreaResult:
     accumulator = TerrainAccumulator([Window(*polygon.bounds)])
     accumulator.absorb(accumulator.reduce(x, y, z))
-    left, bottom = polygon.bounds[:2]
-    local = affinity.translate(polygon, -left, -bottom)
-    return measure_area("area", local, *accumulator.ground(0), Recipe())
+    points = accumulator.points_of(0)
+    return measure_area("area", points.to_local(polygon), points, TerrainRecipe())
 
 
 @pytest.mark.one_python

@@ -47,6 +47,15 @@ def test_two_per_cent_of_noise_over_kilometres(tmp_path, drawn):
     assert ("points lie far from nearly all others" in said) == (not drawn)
 
 
+def test_points_far_away_are_told_with_a_code_and_their_number(tmp_path):
+    rng = np.random.default_rng(5)
+    noise = rng.normal([EAST, NORTH, 100.0], [2500.0, 2500.0, 300.0], (1200, 3))
+    path = write_ply(tmp_path / "cloud.ply", np.concatenate([POINTS, noise]), extra=False)
+    warnings = measure(path, shape="terrain").warnings
+    found = {text.code: text.values for text in warnings if hasattr(text, "code")}
+    assert 1100 < found["points-far-away"]["points"] <= 1200
+
+
 @pytest.mark.parametrize("step", [0.5, 1.0])
 def test_coordinates_in_steps_coarser_than_the_spacing(tmp_path, step):
     """Many points share each place then: cells follow the places."""
@@ -124,5 +133,5 @@ def test_a_few_heights_that_no_terrain_has_are_told(tmp_path):
     deep[away < 2.0, 2] = -9998.9
     _, said = only(tmp_path, deep, SITE.area)
     assert "heights are -9998.9 to" in said
-    assert "no terrain" in said
-    assert "no terrain" not in only(tmp_path, POINTS, SITE.area)[1]
+    assert "some cannot be those of terrain" in said
+    assert "those of terrain" not in only(tmp_path, POINTS, SITE.area)[1]

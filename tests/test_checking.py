@@ -12,12 +12,11 @@ from scans import scan, volume_of
 from solids import BODIES
 from test_calibration import SHAPES, SIDE, _measure
 
-from quantify_client.pipeline.checking import with_check_words
+from quantify_client.pipeline.checking import with_check_warnings
 from quantify_client.types import AreaResult, Check, Measurement
-from quantify_client.volcalc.terrain import check as tin_checks
-from quantify_client.volcalc.terrain import grid_offsets as placements
+from quantify_client.volcalc.terrain import grid_offsets, tin
 from quantify_client.volcalc.terrain.measure import Measured
-from quantify_client.volcalc.terrain.warnings import Doubts
+from quantify_client.volcalc.terrain.warnings import Findings
 
 pytestmark = pytest.mark.one_python
 
@@ -27,7 +26,7 @@ def said(off: float, std: float, margin: float = 0.0, **changes: Any) -> Tuple[s
     known = dict.fromkeys(AreaResult.__dataclass_fields__)
     known.update(volume_m3=100.0, cut_m3=100.0, fill_m3=0.0, std_m3=std, warnings=())
     known.update(checks=(Check("prisms", 100.0 + off, margin),), **changes)
-    (result,) = with_check_words(
+    (result,) = with_check_warnings(
         replace(
             Measurement("", None, "m", "terrain", "terrain", None, (), (), {}),
             results=(AreaResult(**known),),
@@ -41,6 +40,9 @@ def test_a_check_outside_the_interval_is_said_however_small_the_difference(off: 
     (line,) = said(off, 0.05)
     assert f"gives {100 + off:.3f} m3, 0.110 m3 from the volume" in line
     assert "95 % interval of +-0.098 m3" in line
+    assert line.code == "check-contradicts"
+    assert line.values["difference_m3"] == pytest.approx(0.11)
+    assert line.values["check_m3"] == 100.0 + off
 
 
 def test_digits_that_no_difference_has_are_not_printed() -> None:
@@ -66,22 +68,22 @@ def test_what_widens_the_interval_later_counts() -> None:
     assert not said(0.11, 0.06)
 
 
-# --- the mean over the placements, and what is said of it
+# --- the mean over the grid offsets, and its warnings
 
 
 def one(volume: float, check: float, margin: float) -> Tuple[Measured, ...]:
     known = dict.fromkeys(AreaResult.__dataclass_fields__)
     known.update(volume_m3=volume, cut_m3=volume, fill_m3=0.0, slices=(), budget=(), warnings=())
     known.update(checks=(Check("prisms", check, margin),), coverage=0.5, area_m2=9.0)
-    return (Measured(AreaResult(**known), Doubts()),)
+    return (Measured(AreaResult(**known), Findings()),)
 
 
-def test_the_check_is_the_mean_over_the_placements_as_the_volume_is() -> None:
-    """8.24 m3 were told beside the first placement's 7.91 m3."""
+def test_the_check_is_the_mean_over_the_grid_offsets_as_the_volume_is() -> None:
+    """8.24 m3 were told beside the 7.91 m3 of the first offset."""
     placed = [one(8.0, 7.9, 0.2), one(8.2, 8.1, 0.4), (replace(one(8.4, 0, 0)[0]),)]
     bare = replace(placed[2][0].result, checks=())
     placed[2] = (replace(placed[2][0], result=bare),)
-    result = placements._told(placed)
+    result = grid_offsets._combined(placed)
     assert result.volume_m3 == pytest.approx(8.2)
     assert result.checks == (Check("prisms", pytest.approx(8.0), 0.2),)  # the margin of the first
     assert len(result.warnings) == 1  # of the coverage, once
@@ -102,7 +104,7 @@ def test_a_plain_cone_is_not_warned_of() -> None:
     offs = []
     for seed in range(8):
         result = survey(seed)
-        assert not with_check_words(measurement_of(result)).results[0].warnings
+        assert not with_check_warnings(measurement_of(result)).results[0].warnings
         offs.append((result.checks[0].volume_m3 - result.volume_m3) / result.checks[0].margin_m3)
     # The margin is 2.6 standard deviations and more; it is no blank cheque either.
     assert 0.05 < np.sqrt(np.mean(np.square(offs))) < 0.6
@@ -115,22 +117,22 @@ def test_a_body_with_edges_is_not_warned_of(name: str) -> None:
     off = abs(result.checks[0].volume_m3 - result.volume_m3)
     assert off > 0.015 * result.volume_m3
     assert off < result.checks[0].margin_m3 < 0.05 * result.volume_m3
-    lines = with_check_words(measurement_of(result)).results[0].warnings
+    lines = with_check_warnings(measurement_of(result)).results[0].warnings
     assert not any("check by" in line for line in lines)
 
 
 def test_a_check_that_is_wrong_is_told_with_the_numbers_printed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    whole = tin_checks.tin_integral
+    whole = tin.tin_integral
 
     def wrong(*args: Any, **kind: Any) -> Any:
-        tin = whole(*args, **kind)
-        return replace(tin, volume=tin.volume + 9.0)
+        found = whole(*args, **kind)
+        return replace(found, volume=found.volume + 9.0)
 
-    monkeypatch.setattr(tin_checks, "tin_integral", wrong)
+    monkeypatch.setattr(tin, "tin_integral", wrong)
     result = survey(0)
-    (line,) = with_check_words(measurement_of(result)).results[0].warnings
+    (line,) = with_check_warnings(measurement_of(result)).results[0].warnings
     given, off, wide, chance = map(float, re.findall(r"([\d.]+) m3", line))
     std = result.std_m3 or 0.0
     assert given == pytest.approx(result.checks[0].volume_m3, abs=0.05 * std)

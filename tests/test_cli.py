@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 from clouds import write_ept, write_las, write_text
-from commands import PILE, UTM, features, only
+from commands import PILE, UTM, features, only, texts
 from terrains import EAST, LEVEL, circle, placed
 
 # --- volume: numbers
@@ -17,7 +17,7 @@ from terrains import EAST, LEVEL, circle, placed
 def test_json_holds_the_volume_and_what_decides_it(site, document):
     told = document("volume", site / "pile.laz", "--area", site / "pile.geojson")
     result = only(told)
-    assert (told["schema"], told["crs"], told["length_unit"]) == ("quantify-client/1", UTM, "m")
+    assert (told["schema"], told["crs"], told["length_unit"]) == ("quantify-client/2", UTM, "m")
     assert (told["shape"], told["scale"], result["name"]) == ("terrain", None, "pile")
     k = told["grid_scale_factor"]
     # On the central meridian k is 0.9996; k R / (R + h) at 102 m is 16e-6 less.
@@ -121,7 +121,7 @@ def test_source_unit_scales_a_cloud_that_does_not_say(unit, metres, site, docume
     whole = ("volume", site / "body.xyz", "--method", "polar")
     unknown, known = document(*whole), document(*whole, "--source-unit", unit)
     assert (unknown["length_unit"], known["length_unit"]) == ("unknown", "m")
-    assert any("--source-unit" in warning for warning in unknown["warnings"])
+    assert any("--source-unit" in warning for warning in texts(unknown))
     ratio = only(known)["volume_m3"] / only(unknown)["volume_m3"]
     assert ratio == pytest.approx(metres**3, rel=1e-9)
 

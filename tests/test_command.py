@@ -19,7 +19,10 @@ from commands import UTM, only
 from terrains import EAST
 
 from quantify_client.__main__ import main as start
+from quantify_client.cli import parse
+from quantify_client.commands.arguments import COMMANDS, PRESETS
 from quantify_client.commands.shown import complain
+from quantify_client.version import package_version
 
 # --- wrong usage
 
@@ -28,33 +31,35 @@ from quantify_client.commands.shown import complain
     ("options", "said"),
     [
         ("--slices 5 --slice-height 0.1", "--slices and --slice-height exclude each other"),
-        ("--shape terrain --method polar", "--max-gap and --floor go with --shape object"),
-        ("--base plane --center-caps", "--base with --shape terrain"),
-        ("--base plane --hollow", "--base with --shape terrain"),
-        ("--shape terrain --floor none", "--max-gap and --floor go with --shape object"),
+        ("--shape terrain --method polar", "--floor and --accuracy go with --shape object"),
+        ("--base plane --center-caps", "--base goes with --shape terrain"),
+        ("--base plane --hollow", "--base goes with --shape terrain"),
+        ("--shape terrain --floor none", "--floor and --accuracy go with --shape object"),
         ("--method polar --hollow", "go with --method section, not polar"),
         ("--method polar --max-gap 1", "go with --method section, not polar"),
         ("--method section --center-caps", "--center-caps goes with --method polar"),
         ("--max-gap 0", "give a length above 0"),
         ("--floor cellar", "give auto, none, plane or an elevation"),
-        ("--floor inf", "no elevation"),
+        ("--floor inf", "give auto, none, plane or an elevation"),
         ("--shape object --base plane", "--base goes with --shape terrain"),
         ("--shape object --area AREA", "--area goes with --shape terrain"),
         ("--base plateau", "give triangulate, plane, average, lowest, highest, compare or"),
-        ("--base nan", "no elevation"),
+        ("--base nan", "compare or an elevation"),
         ("--slices 0", "give auto or 1 to 10000"),
-        ("--slices many", "not auto or a whole number"),
+        ("--slices many", "give auto or 1 to 10000"),
         ("--slice-height 0", "give a length above 0"),
         ("--slice-height inf", "give a length above 0"),
         ("--density 0", "above 0"),
         ("--density nan", "above 0"),
-        ("--density 1:-1", "not 0 or more"),
+        ("--density 1:-1", "the sigma of --density is -1.0; give tonnes per cubic metre from 0"),
         ("--density x", "T_PER_M3"),
         ("--density 1600", "for 1600 kg/m3 give 1.6"),
-        ("--threads 0", "not from 1 to 256"),
+        ("--threads 0", "give a number from 1 to 256"),
         ("--units imperial", "imperial"),
         ("--method hull", "hull"),
         ("--fence 3", "--fence 3"),
+        ("--slice-heigth 3", "did you mean --slice-height"),
+        ("--max-gap=3 --hallow", "did you mean --hollow"),
     ],
 )
 def test_wrong_usage_is_status_2(options, said, site, run):
@@ -72,11 +77,40 @@ def test_incomplete_commands_are_status_2(arguments, run):
     assert "usage: quantify-client" in err
 
 
+def test_a_mistyped_command_is_told_what_was_meant(run):
+    status, out, err = run("volum", "x.laz")
+    assert (status, out) == (2, "")
+    assert "there is no command 'volum'; did you mean volume?" in err
+
+
+def test_a_command_alone_shows_the_help(run):
+    status, out, err = run()
+    assert (status, out) == (2, "")
+    assert err == run("--help")[1]
+
+
 def test_help_is_status_0(run):
-    for command in ([], ["volume"], ["info"], ["demo"]):
+    for command in ([], *([name] for name in COMMANDS)):
         status, out, err = run(*command, "--help")
         assert (status, err) == (0, "")
         assert out.startswith("usage: quantify-client")
+        assert "examples:\n  quantify-client" in out
+
+
+def test_examples_of_the_help_are_commands_as_they_should_be():
+    for name, command in COMMANDS.items():
+        for example in command.examples:
+            assert parse(example.split()).command == name
+
+
+def test_version_is_the_package_s(run):
+    assert run("--version") == (0, f"quantify-client {package_version()}\n", "")
+
+
+def test_presets_are_the_servers():
+    from quantify_client.sfm.servers import presets
+
+    assert tuple(presets.PRESETS) == PRESETS
 
 
 # --- info and demo

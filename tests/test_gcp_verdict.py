@@ -7,9 +7,10 @@ import json
 import numpy as np
 import pytest
 import sized
+from commands import texts
 from terrains import cone
 
-from quantify_client.pipeline import convert_control
+from quantify_client import convert_control
 
 pytestmark = pytest.mark.one_python
 
@@ -94,7 +95,7 @@ def test_gcp_and_scale_leave_out_the_same_tape(run, tmp_path):
     account = convert_control(path)
     assert status == 0
     (fault,) = account.faults
-    assert [line for line in scaled["warnings"] if "was left out" in line] == [fault]
+    assert [line for line in texts(scaled) if "was left out" in line] == [fault]
     assert account.scale_std == pytest.approx(scaled["std"] / scaled["factor"], rel=1e-3)
 
 

@@ -92,9 +92,10 @@ def test_outline_with_a_corner_far_away_is_refused_with_that_corner(cloud):
 def plugin_checks(monkeypatch):
     """Give the plugin's checks, which need nothing of WebODM."""
     package = types.ModuleType("plugin_alone")
-    package.__path__ = [str(Path(__file__).parents[1] / "plugin")]
+    root = Path(__file__).parents[1]
+    package.__path__ = [str(root / "plugin"), str(root)]
     monkeypatch.setitem(sys.modules, "plugin_alone", package)
-    return importlib.import_module("plugin_alone.checks")
+    return importlib.import_module("plugin_alone.files.inputs")
 
 
 def test_spike_that_passes_the_plugins_check_is_refused(cloud, monkeypatch):
@@ -152,7 +153,7 @@ def test_an_outline_wound_within_its_cells_is_refused(cloud):
 def test_a_comb_costs_no_more_than_its_small_area(cloud):
     teeth = [[X + 45 + 10 * i / 12_000, Y + 45 + 9 * (i % 2)] for i in range(12_000)]
     told = measured(cloud, area=areas([*teeth, [X + 56, Y + 56], [X + 44, Y + 56]]))
-    assert "goes to and fro within" in told.problem
+    assert "goes back and forth within" in told.problem
     assert "simplify it" in told.problem
 
 

@@ -39,7 +39,7 @@ def unmeasured(monkeypatch):
         raise AssertionError("has measured")
 
     monkeypatch.setattr("quantify_client.commands.measuring.measure", never)
-    for module, name in (("control.scale", "place_cloud"), ("control.convert", "solve_elevations")):
+    for module, name in (("control.scale", "place_cloud"), ("control.to_odm", "solve_elevations")):
         monkeypatch.setattr(import_module(f"quantify_client.pipeline.{module}"), name, never)
     monkeypatch.setattr("quantify_client.plugin_build._entries", never)
 

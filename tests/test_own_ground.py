@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import shapely
 from shapely import affinity
 from shapely.geometry import Polygon
 from terrains import circle
@@ -11,7 +12,7 @@ from terrains import circle
 from quantify_client.types import Window
 from quantify_client.volcalc.terrain.accumulate import TerrainAccumulator
 from quantify_client.volcalc.terrain.grid_offsets import measure_area
-from quantify_client.volcalc.terrain.measure import Recipe
+from quantify_client.volcalc.terrain.measure import TerrainRecipe
 
 pytestmark = pytest.mark.one_python
 
@@ -42,9 +43,8 @@ def results(points, outlines, pieces=1, lowest=0.0):
     for part in np.array_split(points, pieces, axis=1):
         accumulator.absorb(accumulator.reduce(*part))
     for number, outline in enumerate(outlines):
-        left, bottom = outline.bounds[:2]
-        local = affinity.translate(outline, -left, -bottom)
-        yield measure_area("area", local, *accumulator.ground(number), Recipe())
+        points = accumulator.points_of(number)
+        yield measure_area("area", points.to_local(outline), points, TerrainRecipe())
 
 
 def bits(result):
@@ -71,6 +71,24 @@ def plain():
     found = measured(placed(POINTS), affinity.translate(OUTLINE, EAST, NORTH))
     assert abs(found.volume_m3 - CONE) < 1.96 * found.std_m3 < 0.02 * CONE
     return found
+
+
+def test_pictures_lie_where_the_area_lies(plain):
+    """Everything is measured from the area's local origin; what is drawn is back in the frame."""
+    outline = affinity.translate(OUTLINE, EAST, NORTH)
+    relief = plain.relief
+    drawn = shapely.from_wkb(relief.polygon_wkb)
+    assert shapely.hausdorff_distance(drawn, outline) < 1e-8
+    row, column = np.nonzero(relief.fraction)
+    x, y = relief.min_x + column * relief.cell_m, relief.min_y + row * relief.cell_m
+    near = 2 * relief.cell_m
+    assert (x.min(), y.min()) == pytest.approx(outline.bounds[:2], abs=near)
+    assert (x.max(), y.max()) == pytest.approx(outline.bounds[2:], abs=near)
+    top = np.nanargmax(relief.above_base_m)
+    peak = np.array([relief.min_x, relief.min_y]) + relief.cell_m * np.array(
+        np.unravel_index(top, relief.above_base_m.shape)[::-1]
+    )
+    assert np.abs(peak - [EAST + 20, NORTH + 20]).max() < 2.0
 
 
 def assert_same_cone(found, scale):
@@ -110,7 +128,7 @@ def test_heights_that_fit_nowhere_are_counted():
     points[2, ::50] += 1e9
     accumulator = TerrainAccumulator([Window(*affinity.translate(OUTLINE, EAST, NORTH).bounds)])
     accumulator.absorb(accumulator.reduce(*points))
-    cubes, _ = accumulator.ground(0)
+    cubes = accumulator.points_of(0).cubes
     assert cubes.too_far == pytest.approx(15_000 / 50 * (18 / 40) ** 2, rel=0.3)
 
 
@@ -151,9 +169,9 @@ def test_other_areas_and_other_parts_of_a_cloud_change_no_digit(plain, seed):
     accumulator = TerrainAccumulator([Window(*o.bounds) for o in outlines], rng.uniform(-9, 9))
     for part in np.array_split(points, rng.integers(1, 9), axis=1):
         accumulator.absorb(accumulator.reduce(*part))
-    left, bottom = mine.bounds[:2]
-    local = affinity.translate(mine, -left, -bottom)
-    assert bits(measure_area("area", local, *accumulator.ground(place), Recipe())) == bits(plain)
+    kept = accumulator.points_of(place)
+    found = measure_area("area", kept.to_local(mine), kept, TerrainRecipe())
+    assert bits(found) == bits(plain)
 
 
 def test_two_equal_yards_give_equal_volumes_however_far_apart(plain):

@@ -14,7 +14,7 @@ import pyproj
 import pytest
 import sized
 import yaml
-from commands import PILE
+from commands import PILE, texts
 from sfm.odm_photos import SITE, flight, picks_of
 from terrains import CLEAN, cone, survey, tilted
 
@@ -101,7 +101,7 @@ def test_a_gross_error_is_named(site, control, run):
     ]
     name = f"{wrong[0]['from']}-{wrong[0]['to']}"
     assert f"tape {name} disagrees with the rest by 0.4" in found["conflict"]
-    assert any(name in warning and "left out" in warning for warning in found["warnings"])
+    assert any(name in warning and "left out" in warning for warning in texts(found))
 
 
 def test_check_lengths_are_told_apart(site, control, run):
@@ -334,7 +334,7 @@ def test_what_odm_made_of_its_control_points_will_do(project, run, tmp_path, mar
     status, out, err = run("scale", task, "--gcp", tmp_path / "control.yaml", "--json")
     assert (status, err) == (0, "")
     found = json.loads(out)["scale"]
-    assert any("no independent check" in warning for warning in found["warnings"])
+    assert any("no independent check" in warning for warning in texts(found))
     # ODM's clouds are metric at their own height: this one is as its grid has it
     height = sized.LEVEL / 6.38e6
     assert found["factor"] == pytest.approx(1.0 - height, abs=4 * found["std"])

@@ -42,7 +42,7 @@ WRITING = {
     "volume": "quantify_client.report.figures.pictures:area_picture",
     "demo": "quantify_client.report.figures.pictures:area_picture",
     "scale": "quantify_client.report.figures.control.figure:scale_plan",
-    "gcp": "quantify_client.scaler.control.gcp_list:put_in_place",
+    "gcp": "quantify_client.scaler.control.gcp_write:put_in_place",
     "plugin": "quantify_client.plugin_build:_write",
 }
 

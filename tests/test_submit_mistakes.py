@@ -6,6 +6,7 @@ import json
 import shutil
 
 import pytest
+from commands import texts
 from known_task import control_of, places
 from nodeodm import TOKEN
 from webodm import WebODM
@@ -195,4 +196,4 @@ def test_what_is_ignored_is_told_in_the_plan(known, node, run, tmp_path):
     notes = [line for line in out.splitlines() if line.startswith("Note: Not sent")]
     assert ["HEIC" in notes[0], "102MEDIA" in notes[1]] == [True, True]
     status, out, _ = run("submit", tmp_path / "photos", *where, "--json")
-    assert len([text for text in json.loads(out)["warnings"] if "Not sent" in text]) == 2
+    assert len([text for text in texts(json.loads(out)) if "Not sent" in text]) == 2

@@ -8,7 +8,7 @@ import pyproj
 import pytest
 import shapely
 from clouds import write_las
-from commands import PILE, UTM, features
+from commands import PILE, UTM, features, texts
 from pyogrio.raw import write
 from terrains import Errors, survey
 
@@ -48,7 +48,7 @@ def _in_degrees():
 def _volume(document, *arguments):
     found = document("volume", *arguments)
     (result,) = found["results"]
-    return result["volume_m3"], found["warnings"]
+    return result["volume_m3"], texts(found)
 
 
 @pytest.mark.parametrize("crs", UNNAMED)

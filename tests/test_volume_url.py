@@ -16,12 +16,11 @@ from commands import UTM, features
 from terrains import Errors, cone, survey
 from webodm import PASSWORD, USER, VIEWER, WebODM
 
-from quantify_client import measure
+from quantify_client import describe, measure, scale
 from quantify_client.cloud.ept import index as ept_index
 from quantify_client.errors import CloudError, OutputError, QuantifyError, ServerError, UsageError
-from quantify_client.pipeline import describe, scale
 from quantify_client.report import to_json
-from quantify_client.sfm.servers import saving, webodm_cloud
+from quantify_client.sfm.servers import limits, patience, webodm_cloud
 from quantify_client.sfm.servers.access import Access
 
 # Servers, sizes and words: no different on a second Python.
@@ -280,7 +279,7 @@ def test_tile_larger_than_its_points_can_be_is_refused(server, url, area, monkey
 
 
 def test_full_disk_is_told_without_the_temporary_name(url, monkeypatch, folder):
-    monkeypatch.setattr(saving, "SPARE_BYTES", 1 << 60)
+    monkeypatch.setattr(limits, "SPARE_BYTES", 1 << 60)
     with pytest.raises(OutputError, match="set TMPDIR to a larger disk") as caught:
         measure(url, access=KNOWN)
     assert "quantify-" not in str(caught.value)
@@ -299,7 +298,7 @@ def test_interrupted_leaves_nothing(url, area, folder, stage):
 
 
 def test_interrupt_does_not_wait_for_a_dead_line(server, url, folder, monkeypatch):
-    monkeypatch.setattr(webodm_cloud, "JOIN_S", 0.2)
+    monkeypatch.setattr(patience, "JOIN_S", 0.2)
     server.fault("stall", "georeferenced_model.laz", value=3.0)
 
     def interrupt(stage, share):
@@ -416,7 +415,8 @@ def test_local_sources_need_neither_our_http_nor_pyodm(site):
     # laspy imports requests itself, where there is one.
     code = (
         "import sys, quantify_client as q; q.describe(sys.argv[1]);"
-        "sys.exit(bool({'pyodm', 'quantify_client.sfm.servers.http'} & {*sys.modules}))"
+        "ours = {'pyodm', 'requests_toolbelt', 'quantify_client.sfm.servers.http'};"
+        "sys.exit(bool(ours & {*sys.modules}))"
     )
     subprocess.run([sys.executable, "-c", code, str(site / "pile.laz")], check=True, timeout=60)
 

@@ -60,7 +60,7 @@ def test_a_task_s_address_is_a_source_for_volume_info_and_scale(known, server, r
     [
         ([], 2, "--project"),
         (["--project", "7"], 1, "7"),
-        (["--project", "0"], 2, "1 or more"),
+        (["--project", "0"], 2, "a whole number from 1"),
         (["--project", "1", "--option", "pc-qualty=high"], 2, "pc-quality"),
     ],
 )

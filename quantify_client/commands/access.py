@@ -1,4 +1,4 @@
-"""Credentials: from the environment, a file or, for those who must, the command line."""
+"""Credentials: from the environment, a file or the command line."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Optional
 
 from ..errors import InputError, UsageError
 from ..files.reading import read_small
-from ..sfm.servers.access import Access
+from ..sfm.servers.access import Access, split_token
 from ..source import is_address
 
 __all__ = ["access_of", "node_token", "token_of"]
@@ -28,9 +28,7 @@ def token_of(given: argparse.Namespace) -> Optional[str]:
 
 
 def node_token(given: argparse.Namespace) -> Optional[str]:
-    """Return the token of a node; what is given on the command line wins, in the URL it is last."""
-    from ..sfm.servers.nodeodm import split_token  # with pyodm, which measuring does without
-
+    """Return the token of a node: of the command line, else the environment, else the URL."""
     apart = token_of(given) or os.environ.get(NODE_TOKEN, "").strip() or None
     _require_text(apart)
     return split_token(getattr(given, "node", None) or "", apart)[1]
@@ -39,7 +37,7 @@ def node_token(given: argparse.Namespace) -> Optional[str]:
 def access_of(given: argparse.Namespace) -> Access:
     """Return how to get into a WebODM server: a token that is given, else the environment's.
 
-    Where no source is on a server the environment is left alone, mistakes in it too.
+    When no source is on a server the environment is not read: a mistake in it does not matter.
     """
     token = token_of(given)
     _require_text(token)
@@ -56,7 +54,7 @@ def access_of(given: argparse.Namespace) -> Access:
 
 
 def _require_text(*secrets: Optional[str]) -> None:
-    """Refuse what no request can hold; the message tells nothing of it."""
+    """Raise InputError for what is not UTF-8, which no request can hold; it is not shown."""
     try:
         "".join(secret or "" for secret in secrets).encode()
     except UnicodeEncodeError:

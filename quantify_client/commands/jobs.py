@@ -5,17 +5,18 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
-from typing import Any, Mapping, Optional
+from typing import Any, Dict, Mapping
 
 from ..errors import JobError, QuantifyError, UsageError
 from ..files.writing import scratch
 from ..jobs import Confirmed, Pace, cancel_job, create_job, run_job
-from ..jobs.journal import ARCHIVE, WEBODM, load, resuming
-from ..jobs.own import is_own, records_folder
-from ..pipeline import measure
+from ..jobs.job import ARCHIVE, WEBODM
+from ..jobs.journal import load, resuming
+from ..jobs.trust import is_own, records_folder
+from ..pipeline.run import measure
 from ..report import require_writable
 from ..report.wording.words import printable
-from ..sfm.servers.access import Access
+from ..types import SCHEMA
 from .access import access_of, node_token
 from .job_display import shown_job
 from .kept import FILES, REPORT, finished, kept_options, kept_units, require_own_files
@@ -36,7 +37,7 @@ def submit(given: argparse.Namespace) -> int:
             return show_checked(checked, given)
         for line in checked.lines():
             say(line)
-        then = {"options": checked.options, "units": given.units}
+        then = {"options": checked.kept, "units": given.units}
         job = create_job(checked.plan, given.out, then)
     if not is_own(job):
         say(
@@ -52,13 +53,8 @@ def resume(given: argparse.Namespace) -> int:
     if given.cancel:
         if given.resubmit:
             raise UsageError("--cancel and --resubmit exclude each other: give one of them")
-        said = cancel_job(
-            folder,
-            node_token(given),
-            access=_access(folder, given),
-            confirmed=_confirmed(given),
-        )
-        document = {"schema": "quantify-client/1", "state": load(folder).state, "said": said}
+        said = cancel_job(folder, **_asking(folder, given))
+        document = {"schema": SCHEMA, "state": load(folder).state, "said": said}
         print(json.dumps(document, indent=2) if given.json else printable(said))
         return 0
     given.units = kept_units(folder, load(folder))
@@ -71,18 +67,20 @@ def _go_on(folder: Path, given: argparse.Namespace, *, is_new: bool = False) -> 
     if found is not None:
         return _show_finished(folder, found, given)
     options = kept_options(folder, job)
-    _refuse_link(folder / REPORT)
-    require_writable(folder / REPORT, [options.get(name) for name in FILES])
+    report_folder = folder / REPORT
+    if report_folder.is_symlink():
+        raise JobError(
+            f"{report_folder}: is a link, and reports replace files; remove it, then resume"
+        )
+    require_writable(report_folder, [options.get(name) for name in FILES])
     with shown_job() as report:
         archive = run_job(
             folder,
-            node_token(given),
-            access=_access(folder, given),
-            confirmed=_confirmed(given),
+            **_asking(folder, given),
             report=report,
             patience_h=given.patience,
             resubmit=given.resubmit,
-            most_bytes=given.max_size,
+            most_bytes=None if given.max_size is None else int(given.max_size * 1e9),
             pace=PACE,
         )
     if not is_new:
@@ -90,19 +88,13 @@ def _go_on(folder: Path, given: argparse.Namespace, *, is_new: bool = False) -> 
     return _measure(folder, archive, options, given)
 
 
-def _access(folder: Path, given: argparse.Namespace) -> Optional[Access]:
-    """Return who asks a WebODM server, where the job is on one."""
-    return access_of(given) if load(folder).kind == WEBODM else None
-
-
-def _confirmed(given: argparse.Namespace) -> Confirmed:
-    """Return what was said of the server and the photographs, at this command."""
-    return Confirmed(given.node or given.webodm, given.images, given.ca, given.insecure)
-
-
-def _refuse_link(report: Path) -> None:
-    if report.is_symlink():
-        raise JobError(f"{report}: is a link, and reports replace files; remove it, then resume")
+def _asking(folder: Path, given: argparse.Namespace) -> Dict[str, Any]:
+    """Return who asks the server, and what was said of it and the photographs at this command."""
+    return {
+        "token": node_token(given),
+        "access": access_of(given) if load(folder).kind == WEBODM else None,
+        "confirmed": Confirmed(given.node or given.webodm, given.images, given.ca, given.insecure),
+    }
 
 
 def _measure(
@@ -113,16 +105,14 @@ def _measure(
         f"the server's result is safe in {archive}: {resuming(folder)} measures "
         "again once that is mended, 'quantify-client volume' with other options"
     )
-    failure: Optional[QuantifyError] = None
     try:
         with stages() as progress:
             measurement = measure(archive, progress=progress, **options)
         return deliver(measurement, folder / REPORT, given)
     except QuantifyError as error:
-        failure = error
+        raise type(error)(f"{error}; {hint}") from error
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"interrupted; {resuming(folder)} goes on from here") from None
-    raise type(failure)(f"{failure}; {hint}") from failure
 
 
 def _show_finished(folder: Path, found: Mapping[str, Any], given: argparse.Namespace) -> int:

@@ -8,20 +8,20 @@ from __future__ import annotations
 import json
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Dict, Mapping, Optional, get_args, get_type_hints
+from typing import Any, Dict, Mapping, Optional
 
 from ..crs import require_crs
 from ..errors import CrsError, InputError, JobError, UsageError
 from ..files.reading import read_small, real_path
-from ..jobs.journal import ARCHIVE, DONE, JOURNAL, Job
-from ..jobs.own import is_own
-from ..options import check_options
-from ..types import Options
+from ..jobs.job import ARCHIVE, DONE, JOURNAL, Job
+from ..jobs.trust import is_own
+from ..options import OPTIONS, read_options
 
 __all__ = ["FILES", "REPORT", "finished", "kept_options", "kept_units", "require_own_files"]
 
 REPORT = "report"
-FILES = ("area", "gcp")  # options that name files, kept with their whole path
+FILES = tuple(n for n, option in OPTIONS.items() if option.kind == "given")
+"""Options that name files, kept with their whole path."""
 _UNITS = ("metric", "us")
 _MOST_BYTES = 512_000_000  # of a report.json: many areas, many slices
 
@@ -35,19 +35,19 @@ def kept_options(folder: Path, job: Job) -> Dict[str, Any]:
         The journal holds what are no such options.
     """
     options = job.then.get("options", {})
-    hints = get_type_hints(Options)
     if not isinstance(options, dict):
         raise _no_options(folder, "'options'")
     for name, value in options.items():
-        if name not in hints or not _fits(value, hints[name]):
+        of_text = name in OPTIONS and OPTIONS[name].kind in ("given", "text")
+        if name not in OPTIONS or (of_text and not isinstance(value, (str, type(None)))):
             raise _no_options(folder, repr(name[:60]))
     try:
-        check_options(Options(**options))
-        if options.get("crs") is not None:
-            require_crs(options["crs"])  # kept as text: no file is read for a journal
+        read = read_options(options).given()
+        if "crs" in read:
+            require_crs(read["crs"])  # kept as text: no file is read for a journal
     except (UsageError, CrsError) as error:
         raise _no_options(folder, str(error)) from error
-    return dict(options)
+    return read
 
 
 def kept_units(folder: Path, job: Job) -> str:
@@ -80,12 +80,6 @@ def _is_report(found: Any) -> bool:
     return isinstance(rows, list) and all(
         isinstance(row, dict) and isinstance(row.get("name"), str) for row in rows
     )
-
-
-def _fits(value: Any, hint: Any) -> bool:
-    """Whether a value that JSON gave is of an option's type; a file's name is a text."""
-    kinds = {str if kind is Any else kind for kind in get_args(hint) or (hint,)}
-    return type(value) in kinds or (type(value) is int and float in kinds)
 
 
 def require_own_files(folder: Path, job: Job, options: Mapping[str, Any]) -> None:

@@ -8,13 +8,11 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
 
-from rich.console import Console
-
-from ..pipeline import describe, measure
-from ..report import print_scaling, print_table, require_writable, to_json, write_report
-from ..report.document.plain import plain
+from ..options import OPTIONS
+from ..pipeline.run import describe, measure
+from ..report import require_writable, to_json, write_report
 from ..report.wording.words import coordinate_rows, printable
-from ..types import AreaFailure, Measurement
+from ..types import AreaFailure, Measurement, plain, warnings_json
 from .access import access_of
 from .shown import complain, stages
 
@@ -32,31 +30,8 @@ def volume(given: argparse.Namespace) -> int:
 
 
 def options_of(given: argparse.Namespace) -> Dict[str, Any]:
-    """Return the fields of the library's options object that the command line gives."""
-    density, sigma = given.density or (None, 0.0)
-    return {
-        "area": given.area,
-        "shape": given.shape,
-        "method": given.method,
-        "slices": given.slices,
-        "slice_height": given.slice_height,
-        "base": given.base,
-        "center_caps": given.center_caps,
-        "hollow": given.hollow,
-        "max_gap": given.max_gap,
-        "floor": given.floor,
-        "accuracy": given.accuracy,
-        "gcp": given.gcp,
-        "scale_mode": given.scale_mode,
-        "area_frame": given.area_frame,
-        "grid": given.grid,
-        "crs": given.crs,
-        "source_unit": given.source_unit,
-        "vertical_unit": given.vertical_unit,
-        "density": density,
-        "density_sigma": sigma,
-        "threads": given.threads,
-    }
+    """Return the options of a measurement among what the command line gives."""
+    return {name: value for name, value in vars(given).items() if name in OPTIONS}
 
 
 def demo(given: argparse.Namespace) -> int:
@@ -95,9 +70,7 @@ def deliver(measurement: Measurement, out: Optional[Path], given: argparse.Names
     if given.json:
         print(json.dumps(to_json(measurement), indent=2, allow_nan=False))
     else:
-        if measurement.scale is not None:
-            print_scaling(measurement.scale, Console(), units=given.units)
-        print_table(measurement, Console(), units=given.units)
+        _show(measurement, given.units)
         for path in written:
             if path.name == "report.html":
                 print(f"Report: {printable(path)}")
@@ -107,20 +80,28 @@ def deliver(measurement: Measurement, out: Optional[Path], given: argparse.Names
     return 0 if measurement.complete else 1
 
 
+def _show(measurement: Measurement, units: str) -> None:
+    from rich.console import Console  # late: JSON is shown without
+
+    from ..report import print_scaling, print_table
+
+    if measurement.scale is not None:
+        print_scaling(measurement.scale, Console(), units=units)
+    print_table(measurement, Console(), units=units)
+
+
 def info(given: argparse.Namespace) -> int:
     """Say what a source holds."""
     with stages() as progress:
         found = describe(
-            *given.sources,
-            crs=given.crs,
-            source_unit=given.source_unit,
-            vertical_unit=given.vertical_unit,
-            progress=progress,
-            access=access_of(given),
+            *given.sources, progress=progress, access=access_of(given), **options_of(given)
         )
     if given.json:
-        print(json.dumps(plain(found), indent=2, allow_nan=False))
+        told = {**plain(found), "warnings": warnings_json(found["warnings"])}
+        print(json.dumps(told, indent=2, allow_nan=False))
         return 0
+    from rich.console import Console
+
     console = Console()
     for key, value in _rows(found):
         console.print(f"{key:>15}  {printable(_brief(value))}", markup=False, highlight=False)

@@ -5,14 +5,15 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
-from typing import Any, Mapping, Optional, Sequence
+from typing import Any, Mapping, Optional, Sequence, Tuple
 
 from rich.console import Console
 
 from ..errors import UsageError
 from ..files.reading import real_path
 from ..files.writing import require_replaceable
-from ..pipeline import convert_control, scale
+from ..pipeline.control.account import convert_control
+from ..pipeline.control.scale import scale
 from ..report import (
     control_document,
     print_control,
@@ -21,8 +22,9 @@ from ..report import (
     write_scale_page,
 )
 from ..report.wording.words import printable
-from ..types import Scaled
+from ..types import Scaled, Scaling
 from .access import access_of
+from .measuring import options_of
 from .shown import complain, stages
 
 __all__ = ["gcp", "scale_cloud"]
@@ -38,25 +40,21 @@ def scale_cloud(given: argparse.Namespace) -> int:
         def beside(scaled: Scaled, folder: Path) -> Sequence[str]:
             name = _page(given.out).name
             progress("drawing", 0.0)
-            _write_page(scaled, folder / name, given.units)
+            write_scale_page(*_about(scaled), folder / name, given.units, out=scaled.out)
             progress("drawing", 1.0)
             return [name]
 
         scaled = scale(
             *given.sources,
-            gcp=given.gcp,
             out=given.out,
-            area=given.area,
-            scale_mode=given.scale_mode,
-            crs=given.crs,
-            source_unit=given.source_unit,
-            vertical_unit=given.vertical_unit,
             progress=progress,
             access=access_of(given),
             beside=beside,
+            **options_of(given),
         )
     if given.json:
-        print(json.dumps(_document(scaled), indent=2, allow_nan=False))
+        document = scale_document(*_about(scaled), scaled.out, scaled.areas, scaled.failures)
+        print(json.dumps(document, indent=2, allow_nan=False))
     else:
         _show(scaled, page, given.units)
     for failure in scaled.failures:
@@ -75,14 +73,8 @@ def _show(scaled: Scaled, page: Optional[Path], units: str) -> None:
         print(f"Polygons: {printable(scaled.areas)}")
 
 
-def _write_page(scaled: Scaled, page: Path, units: str) -> None:
-    about = scaled.scaling, scaled.source, scaled.provenance, scaled.warnings
-    write_scale_page(*about, page, units, out=scaled.out)
-
-
-def _document(scaled: Scaled) -> Mapping[str, Any]:
-    about = scaled.scaling, scaled.source, scaled.provenance, scaled.warnings
-    return scale_document(*about, scaled.out, scaled.areas, scaled.failures)
+def _about(scaled: Scaled) -> Tuple[Scaling, str, Mapping[str, Any], Sequence[str]]:
+    return scaled.scaling, scaled.source, scaled.provenance, scaled.warnings
 
 
 def _page(out: Path) -> Path:

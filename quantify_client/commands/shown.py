@@ -6,11 +6,6 @@ import sys
 from contextlib import contextmanager
 from typing import Any, Callable, Iterator
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-from ..report.wording.words import printable
-
 __all__ = ["complain", "say", "stages"]
 
 _LONGEST_WORD = 400
@@ -29,6 +24,8 @@ def say(text: object) -> None:
 
 def _line(text: object) -> str:
     """Return one line; of a word that no screen shows, a path of a damaged file say, both ends."""
+    from ..report.wording.words import printable  # late: with numpy
+
     words = (
         word if len(word) <= _LONGEST_WORD else f"{word[:200]}...{word[-100:]}"
         for word in printable(text).split()
@@ -39,12 +36,14 @@ def _line(text: object) -> str:
 @contextmanager
 def stages() -> Iterator[Callable[[str, float], None]]:
     """Yield a function that shows a stage's share on stderr when that is a terminal."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
+    if not sys.stderr.isatty():
         yield lambda stage, share: None
         return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
     columns = TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn()
-    with Progress(*columns, console=console, transient=True) as bar:
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         known: dict[str, Any] = {}
 
         def show(stage: str, share: float) -> None:

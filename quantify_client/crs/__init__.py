@@ -27,14 +27,11 @@ from .same import same_coordinates
 from .statements import ASSUMED, Stated, Statement, merge, stated_by
 from .wkt import as_wkt, given_crs, require_crs, statement_of_wkt
 
-Plane = PlaneCoordinates  # the name that scaler/ still uses
-
 __all__ = [
     "ASSUMED",
     "UNITS_M",
     "Frame",
     "LocalFrame",
-    "Plane",
     "PlaneCoordinates",
     "Stated",
     "Statement",

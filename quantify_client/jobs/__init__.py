@@ -4,16 +4,16 @@ A job lives in a folder. `plan_job` checks everything before anything is sent, `
 the journal, and `run_job` goes on from wherever the journal stands until all.zip is there.
 """
 
-from .create import Plan, create_job, plan_job
-from .events import JobEvent
-from .own import Confirmed
+from .create import JobPlan, create_job, plan_job
+from .job import JobEvent
 from .run import Pace, cancel_job, run_job
+from .trust import Confirmed
 
 __all__ = [
     "Confirmed",
     "JobEvent",
+    "JobPlan",
     "Pace",
-    "Plan",
     "cancel_job",
     "create_job",
     "plan_job",

@@ -5,42 +5,41 @@ from __future__ import annotations
 import filecmp
 import shutil
 import uuid
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Iterable, List, Mapping, Optional, Tuple, Union
 
 from ..errors import InputError, JobError, OutputError
 from ..files.reading import real_path
+from ..sfm.odm.layout import MINIMAL_OUTPUTS
 from ..sfm.photos.check import PhotoSummary, check_photos
-from ..sfm.servers.access import Access
-from ..sfm.servers.nodeodm import split_token
+from ..sfm.servers.access import Access, split_token
 from ..sfm.servers.patience import Patience
-from ..sfm.servers.presets import MINIMAL_OUTPUTS, choose_options
-from .events import JobEvent, Report, silent
-from .journal import (
+from ..sfm.servers.presets import choose_options
+from .job import (
     ARCHIVE,
     GCP_NAME,
     JOURNAL,
     NODE,
-    READY,
     SEED,
     WEBODM,
     Job,
+    JobEvent,
+    Report,
     SentFile,
-    locked,
-    resuming,
-    save,
+    connect,
+    silent,
 )
-from .own import keep_record
-from .servers import connect
+from .journal import locked, resuming, save
+from .trust import keep_record
 
-__all__ = ["Plan", "create_job", "plan_job", "require_free"]
+__all__ = ["JobPlan", "create_job", "plan_job", "require_free"]
 
 FIRST_CONTACT_S = 5.0  # whoever starts a job is still there to correct the URL
 
 
 @dataclass(frozen=True)
-class Plan:
+class JobPlan:
     """What a job would send and ask for; `lines` says it.
 
     `gcp` is a file in ODM's own format, in which every height is already known.
@@ -54,14 +53,17 @@ class Plan:
     gcp: Optional[Path] = None
     ca: Optional[Path] = None
     engine: str = ""
-    notes: Tuple[str, ...] = field(default=())
+    notes: Tuple[str, ...] = ()
     project: Optional[int] = None
     label: str = "Node"
 
     def lines(self, control: Optional[str] = None) -> List[str]:
-        """Summarise the job for people; `control` tells what becomes of theirs."""
+        """Return a summary of the job, line by line; `control` tells what becomes of the user's."""
         photos = self.photos
-        shown = " ".join(f"{name}={_word(value)}" for name, value in sorted(self.options.items()))
+        shown = " ".join(
+            f"{name}={str(value).lower() if isinstance(value, bool) else value}"
+            for name, value in sorted(self.options.items())
+        )
         return [
             f"{self.label}: {self.url} {self.engine}".rstrip(),
             f"Photographs: {photos.words}",
@@ -90,7 +92,7 @@ def plan_job(
     insecure: bool = False,
     allow_faulty: bool = False,
     report: Report = silent,
-) -> Plan:
+) -> JobPlan:
     """Check photographs, options and control against what the node says of itself; send nothing.
 
     Parameters
@@ -111,10 +113,9 @@ def plan_job(
     ServerError
         The node cannot be reached or refuses the token.
     """
-    if isinstance(images, PhotoSummary):
-        photos = images
-    else:
-        photos = check_photos(images, allow_faulty=allow_faulty)
+    photos = images
+    if not isinstance(photos, PhotoSummary):
+        photos = check_photos(photos, allow_faulty=allow_faulty)
     if access is not None and project is not None:
         ca, insecure = access.ca or ca, access.insecure or insecure
     node = connect(url, token, project=project, access=access, ca=ca, insecure=insecure)
@@ -132,7 +133,7 @@ def plan_job(
         _require_control(gcp, photos)
     if minimal and node.packs_all:
         notes = (*notes, "WebODM always packs everything into its all.zip.")
-    return Plan(
+    return JobPlan(
         url=node.url,
         name=name or real_path(photos.photos[0].path).parent.name or "quantify",
         photos=photos,
@@ -147,7 +148,7 @@ def plan_job(
     )
 
 
-def create_job(plan: Plan, folder: Path, then: Optional[Mapping[str, Any]] = None) -> Job:
+def create_job(plan: JobPlan, folder: Path, then: Optional[Mapping[str, Any]] = None) -> Job:
     """Write a job's journal into a folder that holds none, and a record of it; nothing is sent.
 
     `then` is kept for the caller: how to go on with the result. No secret belongs into it.
@@ -177,7 +178,7 @@ def create_job(plan: Plan, folder: Path, then: Optional[Mapping[str, Any]] = Non
             id=str(uuid.uuid4()),
         )
         keep_record(job, folder, plan.ca)
-        return save(folder, job, state=READY)
+        return save(folder, job)
 
 
 def require_free(folder: Path) -> None:
@@ -215,7 +216,7 @@ def _kept_control(gcp: Path, folder: Path) -> SentFile:
 
 
 def _require_control(gcp: Path, photos: PhotoSummary) -> None:
-    """Whether the file can be read and names at least one of the photographs."""
+    """Raise InputError unless the file can be read and names at least one of the photographs."""
     try:
         lines = gcp.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
@@ -227,7 +228,3 @@ def _require_control(gcp: Path, photos: PhotoSummary) -> None:
             f"{gcp}: names none of the photographs; expected lines 'x y z px py IMAGE', as "
             "'quantify-client gcp FILE --to odm' writes them"
         )
-
-
-def _word(value: Any) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)

@@ -1,4 +1,4 @@
-"""A job's folder: what is to be sent, what has been, and who is at it.
+"""A job's folder: what is to be sent, what has been, and which process is at it.
 
 ``job.json`` is replaced whole, and ``sent-N.jsonl`` grows by one line for each file begun and each
 file acknowledged in the N-th upload. What is about to happen is on the disk before it does, so that
@@ -13,81 +13,20 @@ import shlex
 import sys
 import threading
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, fields, replace
 from pathlib import Path
-from typing import Any, Dict, Iterator, Mapping, Optional, Sequence, Set, Tuple
+from typing import Any, Iterator, Set
 
 from ..errors import JobError, OutputError
 from ..files.reading import read_small, real_path
-from .shape import require_shape
+from .job import ARCHIVE, GCP_NAME, JOURNAL, LOCK, SEED, Job, SentFile
+from .journal_format import require_format
 
-__all__ = ["NODE", "WEBODM", "Job", "SentFile", "SentLog", "load", "locked", "resuming", "save"]
+__all__ = ["SentLog", "load", "locked", "resuming", "save"]
 
 SCHEMA = "quantify-job/1"
-NODE, WEBODM = "node", "webodm"
-JOURNAL, LOCK, ARCHIVE, SEED = "job.json", "job.lock", "all.zip", "seed.zip"
-GCP_NAME = "gcp_list.txt"  # the copy of the control that is sent
-READY, UPLOADING, COMMITTING, WAITING, FETCHING, DONE, CANCELLED, SPOILED = (
-    *("ready", "uploading", "committing", "waiting", "fetching", "done", "cancelled", "spoiled"),
-)
 _to_disk = getattr(os, "fdatasync", os.fsync)  # where there is no other
 _MOST_BYTES = 256_000_000  # a million photographs
-STATES = (READY, UPLOADING, COMMITTING, WAITING, FETCHING, DONE, CANCELLED, SPOILED)
-
-
-@dataclass(frozen=True)
-class SentFile:
-    """A file as it was when the job was made; `name` is what the node is to call it."""
-
-    name: str
-    path: str
-    size: int
-    mtime_ns: int
-
-    @property
-    def is_image(self) -> bool:
-        """Whether the node counts it among the images."""
-        return not self.name.lower().endswith(".txt")
-
-
-@dataclass(frozen=True)
-class Job:
-    """A job as its journal has it.
-
-    Attributes
-    ----------
-    url : the server, without any credentials. What may go there is not for a folder to say (see
-        `own`), nor whose certificate is taken for it.
-    kind, project : NODE; or WEBODM and the number of the project there.
-    marker : what an upload is called on a WebODM until it is known to be there.
-    name, options, outputs, files : what is asked for and what is sent.
-    then : whatever the caller wants to find again when the result is there.
-    state : one of STATES.
-    uuid : of the current upload or task.
-    attempt : how many uploads have been begun.
-    archive_bytes : length of the all.zip that was fetched.
-    id : of the job itself, wherever its folder is moved to.
-    """
-
-    url: str
-    name: str
-    options: Mapping[str, Any]
-    outputs: Tuple[str, ...]
-    files: Tuple[SentFile, ...]
-    then: Mapping[str, Any] = field(default_factory=dict)
-    state: str = READY
-    uuid: str = ""
-    attempt: int = 0
-    archive_bytes: Optional[int] = None
-    kind: str = NODE
-    project: Optional[int] = None
-    marker: str = ""
-    id: str = ""
-
-    @property
-    def images(self) -> int:
-        """How many images the node must count."""
-        return sum(file.is_image for file in self.files)
 
 
 def load(folder: Path) -> Job:
@@ -100,7 +39,7 @@ def load(folder: Path) -> Job:
         document = json.loads(data)
         if not isinstance(document, dict) or document.pop("schema", None) != SCHEMA:
             raise ValueError(f"expected the schema {SCHEMA}")
-        require_shape(document, STATES, (NODE, WEBODM))
+        require_format(document)
     except (ValueError, RecursionError) as error:
         said = str(error) if not isinstance(error, (json.JSONDecodeError, UnicodeError)) else ""
         raise JobError(
@@ -109,13 +48,13 @@ def load(folder: Path) -> Job:
         ) from None
     known = {item.name for item in fields(Job)}
     document = {name: value for name, value in document.items() if name in known}
-    files = tuple(_placed(SentFile(**item), folder) for item in document.pop("files"))
-    return Job(files=files, outputs=tuple(document.pop("outputs")), **document)
-
-
-def _placed(file: SentFile, folder: Path) -> SentFile:
-    """Look for our own copy of the control in the job's folder, wherever that has been moved to."""
-    return replace(file, path=str(real_path(folder) / GCP_NAME)) if file.name == GCP_NAME else file
+    files = [SentFile(**item) for item in document["files"]]
+    # Our own copy of the control is in the job's folder, wherever that has been moved to.
+    kept = str(real_path(folder) / GCP_NAME)
+    document["files"] = tuple(
+        replace(file, path=kept) if file.name == GCP_NAME else file for file in files
+    )
+    return Job(**{**document, "outputs": tuple(document["outputs"])})
 
 
 def resuming(folder: Path, *options: str) -> str:
@@ -189,30 +128,30 @@ class SentLog:
 
     def begin(self, *names: str) -> None:
         """Note that files are about to be sent; on the disk when this returns."""
-        self._put([{"begin": name} for name in names], surely=True)
+        self._put("begin", *names)
 
     def finish(self, name: str) -> None:
         """Note that the node has acknowledged a file; a power cut may make its fate unknown."""
-        self._put([{"done": name}])
+        self._put("done", name)
 
     def retract(self, *names: str) -> None:
         """Note that nothing of files that were begun has left."""
-        self._put([{"unsent": name} for name in names])
+        self._put("unsent", *names)
 
     def close(self) -> None:
         """Take nothing more."""
         with self._lock:
             self._file.close()
 
-    def _put(self, entries: Sequence[Dict[str, str]], *, surely: bool = False) -> None:
-        lines = [json.dumps(entry).encode() + b"\n" for entry in entries]
+    def _put(self, kind: str, *names: str) -> None:
+        lines = [json.dumps({kind: name}).encode() + b"\n" for name in names]
         with _explaining(self._folder):
             with self._lock:
                 if self._file.closed:
                     return
                 self._file.write(b"".join(lines))
                 self._file.flush()
-                handle = os.dup(self._file.fileno()) if surely else None
+                handle = os.dup(self._file.fileno()) if kind == "begin" else None
                 for line in lines:
                     self._take(line)
             if handle is not None:  # outside the lock, so that threads wait for the disk together
@@ -222,25 +161,30 @@ class SentLog:
                     os.close(handle)
 
     def _take(self, line: bytes) -> bool:
+        """Whether a line is one of ours; then it counts."""
         try:
             ((kind, name),) = json.loads(line).items()
         except (ValueError, AttributeError, RecursionError):
             return False
         if not isinstance(name, str):
             return False
-        if kind == "begin":
-            self.begun.add(name)
-        elif kind == "unsent":
+        if kind == "unsent":
             self.begun.discard(name)
         else:
-            self.done.add(name)
+            (self.begun if kind == "begin" else self.done).add(name)
         return True
 
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
     """Keep other processes from driving the same job; the system lets go when a process dies."""
-    _refuse_links(folder)
+    names = (JOURNAL, f"{JOURNAL}.new", LOCK, f"{ARCHIVE}.part", SEED, GCP_NAME)
+    for path in [*(folder / name for name in names), *folder.glob("sent-*.jsonl")]:
+        if path.is_symlink() or (path.exists() and not path.is_file()):
+            raise JobError(  # a file elsewhere would be replaced
+                f"{path}: is a link or no file, which nothing of a job is; remove it, or submit "
+                "into another folder"
+            )
     try:
         file = (folder / LOCK).open("a+b")
     except FileNotFoundError:
@@ -255,20 +199,8 @@ def locked(folder: Path) -> Iterator[None]:
         yield
 
 
-def _refuse_links(folder: Path) -> None:
-    """Refuse a folder in which a name of ours leads elsewhere: a file there would be replaced."""
-    names = (JOURNAL, JOURNAL + ".new", LOCK, ARCHIVE + ".part", SEED, GCP_NAME)
-    own = [*(folder / name for name in names), *folder.glob("sent-*.jsonl")]
-    for path in own:
-        if path.is_symlink() or (path.exists() and not path.is_file()):
-            raise JobError(
-                f"{path}: is a link or no file, which nothing of a job is; remove it, or submit "
-                "into another folder"
-            )
-
-
 def _lock(handle: int) -> bool:
-    try:
+    with suppress(OSError):
         if sys.platform == "win32":
             import msvcrt
 
@@ -277,9 +209,8 @@ def _lock(handle: int) -> bool:
             import fcntl
 
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        return False
-    return True
+        return True
+    return False
 
 
 def _sync_folder(folder: Path) -> None:

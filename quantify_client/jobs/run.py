@@ -7,16 +7,14 @@ import uuid
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Callable, Dict, Optional
+from typing import Optional
 
 from ..errors import JobError, ServerError
 from ..sfm.servers.access import Access
-from ..sfm.servers.http import RefusedError
-from ..sfm.servers.nodeodm import TaskLostError, TaskStatus
+from ..sfm.servers.errors import RefusedError, TaskLostError
+from ..sfm.servers.nodeodm import TaskStatus
 from ..sfm.servers.patience import Patience
-from .events import JobEvent, Report, silent
-from .fetching import fetch
-from .journal import (
+from .job import (
     ARCHIVE,
     CANCELLED,
     COMMITTING,
@@ -28,15 +26,16 @@ from .journal import (
     UPLOADING,
     WAITING,
     Job,
-    load,
-    locked,
-    resuming,
-    save,
+    JobEvent,
+    Report,
+    TaskServer,
+    connect,
+    silent,
 )
-from .own import Confirmed, Trust, trusted_with
-from .servers import TaskServer, server_of
+from .journal import load, locked, resuming, save
+from .trust import Confirmed, Trust, trusted_with
 from .upload import StartAgainError, commit, require_sendable, send_all
-from .waiting import AGAIN, MiscountedError, lost, wait_for
+from .waiting import AGAIN, MiscountedError, fetch, wait_for
 
 __all__ = ["Pace", "cancel_job", "run_job"]
 
@@ -91,22 +90,21 @@ def run_job(
     """
     folder = Path(folder)
     hint = f"{resuming(folder)} goes on from here"
-    failure: Optional[ServerError] = None
     with locked(folder):
         job = load(folder)
         if _is_complete(folder, job):
             return folder / ARCHIVE
         trust = trusted_with(folder, job, confirmed, anew=resubmit)
-        node = server_of(job, token, access, trust, pace.silence_s)
+        node = _server_of(job, token, access, trust, pace)
         run = _Run(folder, job, node, trust, report, patience_h * 3600, resubmit, pace)
         try:
-            return run.through(most_bytes)
+            run.to_the_end(most_bytes)
         except KeyboardInterrupt:
             run.stopped.set()
             raise KeyboardInterrupt(f"interrupted; {hint}") from None
         except ServerError as error:
-            failure = ServerError(f"{error}; {hint}")
-    raise failure
+            raise ServerError(f"{error}; {hint}") from None
+    return folder / ARCHIVE
 
 
 def cancel_job(
@@ -127,7 +125,7 @@ def cancel_job(
             return f"the job is finished; its result is {folder / ARCHIVE}"
         if job.state not in (READY, CANCELLED):
             trust = trusted_with(folder, job, confirmed)
-            node = server_of(job, token, access, trust, Pace().silence_s)
+            node = _server_of(job, token, access, trust, Pace())
             patience = Patience(patience_h * 3600, lambda text: None)
             with suppress(TaskLostError):  # as good as cancelled
                 if not patience.through(lambda: _cancelled(node, job)):
@@ -137,6 +135,22 @@ def cancel_job(
                     )
         save(folder, job, state=CANCELLED)
         return f"the job is cancelled; {resuming(folder, '--resubmit')} would redo it"
+
+
+def _server_of(
+    job: Job, token: Optional[str], access: Optional[Access], trust: Trust, pace: Pace
+) -> TaskServer:
+    """Return the server that a journal names, once it is known who trusts it."""
+    return connect(
+        job.url,
+        token,
+        project=job.project,
+        access=access,
+        ca=trust.ca,
+        insecure=trust.insecure,
+        silence_s=pace.silence_s,
+        job=job,
+    )
 
 
 def _is_complete(folder: Path, job: Job) -> bool:
@@ -179,18 +193,19 @@ class _Run:
         self._node, self._trust = node, trust
         self._patience = Patience(limit_s, self._say, self.stopped, first_pause_s=pace.pause_s)
 
-    def through(self, most_bytes: Optional[int]) -> Path:
-        """Take step after step."""
-        steps: Dict[str, Callable[[], None]] = {
+    def to_the_end(self, most_bytes: Optional[int]) -> None:
+        """Take step after step until the all.zip is there; it may have so many bytes."""
+        steps = {
             READY: self._begin,
             UPLOADING: self._upload,
             COMMITTING: self._commit,
             WAITING: self._wait,
             FETCHING: lambda: self._fetch(most_bytes),
+            DONE: self._fetch_again,
             CANCELLED: self._refuse,
             SPOILED: self._refuse,
         }
-        while not self._is_done():
+        while not _is_complete(self._folder, self._job):
             try:
                 steps[self._job.state]()
             except StartAgainError as reason:
@@ -198,18 +213,12 @@ class _Run:
             except TaskLostError as error:
                 if self._job.state not in (WAITING, FETCHING):
                     raise
-                self._again_or(lost(self._node, self._job, error))
-        return self._folder / ARCHIVE
-
-    def _is_done(self) -> bool:
-        """Whether the result is there; one that has gone missing is fetched again."""
-        if self._job.state != DONE:
-            return False
-        if _is_complete(self._folder, self._job):
-            return True
-        self._say("the all.zip is not there any more, or has changed; it is fetched again")
-        self._go(FETCHING)
-        return False
+                self._again_or(
+                    JobError(
+                        f"{self._node.name}: does not know task {self._job.uuid} any more "
+                        f"({error.reason}): {self._node.forgets}; {AGAIN}"
+                    )
+                )
 
     def _begin(self) -> None:
         """Choose a UUID, write it down, then tell the node: the same again is harmless."""
@@ -221,47 +230,49 @@ class _Run:
 
     def _upload(self) -> None:
         require_sendable(self._trust, self._job.files)
-        job, sent = self._job, self._folder / f"sent-{self._job.attempt}.jsonl"
-        if not sent.exists():
+        job = self._job
+        if not (self._folder / f"sent-{job.attempt}.jsonl").exists():
             there = self._patience.through(
                 lambda: self._node.init(job.uuid, job.name, job.options, job.outputs)
             )
             if there != job.uuid:
                 self._save(uuid=there)
-                job = self._job
-        patience, stopped = self._patience, self.stopped
-        send_all(self._node, self._trust, self._folder, job, patience, self._tell, stopped)
-        self._go(COMMITTING)
+        send_all(
+            self._node,
+            self._trust,
+            self._folder,
+            self._job,
+            self._patience,
+            self._tell,
+            self.stopped,
+        )
+        self._save(state=COMMITTING)
 
     def _commit(self) -> None:
         commit(self._node, self._job.uuid, self._patience, pause_s=self._pace.pause_s)
-        self._go(WAITING)
+        self._save(state=WAITING)
 
     def _wait(self) -> None:
+        node, job, poll_s = self._node, self._job, self._pace.poll_s
         try:
-            wait_for(
-                self._node,
-                self._job,
-                self._patience,
-                self._tell,
-                self.stopped,
-                poll_s=self._pace.poll_s,
-            )
+            wait_for(node, job, self._patience, self._tell, self.stopped, poll_s=poll_s)
         except MiscountedError as error:
-            self._go(SPOILED)
+            self._save(state=SPOILED)
             with suppress(RefusedError):
-                self._patience.through(lambda: self._node.cancel(self._job.uuid))
+                self._patience.through(lambda: node.cancel(job.uuid))
             self._again_or(error, whole=True)
-        except TaskLostError:
-            raise
         except JobError as error:
             self._again_or(error)
         else:
-            self._go(FETCHING)
+            self._save(state=FETCHING)
 
     def _fetch(self, most: Optional[int]) -> None:
         path = fetch(self._node, self._folder, self._job, self._patience, self._tell, most)
         self._save(state=DONE, archive_bytes=path.stat().st_size)
+
+    def _fetch_again(self) -> None:
+        self._say("the all.zip is not there any more, or has changed; it is fetched again")
+        self._save(state=FETCHING)
 
     def _refuse(self) -> None:
         spoiled = self._job.state == SPOILED
@@ -276,20 +287,17 @@ class _Run:
         task = self._job.uuid
         if task and not whole and self._patience.through(lambda: self._node.restart(task)):
             self._say(f"{error}: run again there, with the photographs that it has")
-            self._go(WAITING)
-            return
-        self._say(f"{error}: submitted again")
-        self._go(READY)
+            self._save(state=WAITING)
+        else:
+            self._say(f"{error}: submitted again")
+            self._save(state=READY)
 
     def _start_again(self, reason: str) -> None:
         if self._uploads >= UPLOADS:
             raise ServerError(f"{self._node.name}: {reason}, {self._uploads} uploads in a row")
         self._say(f"{reason}; everything is sent again under a new UUID")
-        self._go(READY)
+        self._save(state=READY)
         self.stopped.wait(self._pace.pause_s * 2**self._uploads)
-
-    def _go(self, state: str) -> None:
-        self._save(state=state)
 
     def _save(self, **changes: object) -> None:
         self._job = save(self._folder, self._job, **changes)

@@ -15,27 +15,23 @@ import time
 import zipfile
 from collections import deque
 from pathlib import Path
-from typing import Deque, Dict, Iterable, List, Optional
+from typing import Deque, Dict, Iterable, List
 
 from ..errors import JobError, OutputError, QuantifyError, ServerError
-from ..sfm.servers.http import OutageError, RefusedError
-from ..sfm.servers.multipart import StoppedError
-from ..sfm.servers.nodeodm import TaskLostError
-from ..sfm.servers.patience import Patience
-from .events import JobEvent, Report
-from .journal import SEED, Job, SentFile, SentLog
-from .own import Trust
-from .servers import TaskServer
+from ..sfm.servers.errors import OutageError, RefusedError, TaskLostError
+from ..sfm.servers.patience import Patience, in_parallel
+from .job import SEED, Job, JobEvent, Report, SentFile, TaskServer
+from .journal import SentLog
+from .trust import Trust
 
 __all__ = ["StartAgainError", "commit", "require_sendable", "send_all"]
 
 PARALLEL = 4
 AHEAD = 4  # files noted at once as about to be sent: each note waits for the disk
-JOIN_S = 2.0
-REPORT_S = 0.2
 TRIES = 20  # of one file, while the server answers in between
 _LOOKS = 3  # for a task that a commit may just be making
 _FOR_NOW = ("no nodes", "concurrent tasks", "try again", "slow down")
+_CUT = "the last part of the upload may have been cut"
 
 
 class StartAgainError(Exception):
@@ -83,14 +79,16 @@ def send_all(
         if SEED in log.done:
             return
         if SEED in log.unknown:
-            raise StartAgainError("the last part of the upload may have been cut")
+            raise StartAgainError(_CUT)
         there = log.done if node.overwrites else log.begun
-        left = [file for file in job.files if file.name not in there]
         sending = _Sending(node, trust, job, log, patience, report, stopped)
-        sending.run(left)
-        again = [file for file in job.files if file.name in log.unknown]
-        if again:
-            _send_seed(sending, trust, folder, again, report)
+        try:
+            sending.run([file for file in job.files if file.name not in there])
+            again = [file for file in job.files if file.name in log.unknown]
+            if again:
+                sending.send_seed(folder / SEED, again)
+        except TaskLostError as error:
+            raise StartAgainError("the node has forgotten the upload") from error
 
 
 def commit(node: TaskServer, uuid: str, patience: Patience, *, pause_s: float = 1.0) -> None:
@@ -105,7 +103,6 @@ def commit(node: TaskServer, uuid: str, patience: Patience, *, pause_s: float = 
     def ask() -> None:
         if node.is_committed(uuid):
             return
-        refusal: Optional[RefusedError] = None
         try:
             node.commit(uuid)
             return
@@ -141,33 +138,15 @@ class _Sending:
         self._lock = threading.Lock()
         self._queue: Deque[SentFile] = deque()
         self._under_way: Dict[str, int] = {}
-        self._failure: Optional[BaseException] = None
+        self._failures: List[BaseException] = []
         self._total = sum(file.size for file in job.files)
         self._acknowledged = sum(file.size for file in job.files if file.name in log.done)
 
     def run(self, files: List[SentFile]) -> None:
         """Send files; return when each has been acknowledged or may have been cut."""
         self._queue.extend(files)
-        threads = [
-            threading.Thread(target=self._work, daemon=True)
-            for _ in range(min(PARALLEL, len(files)))
-        ]
-        for thread in threads:
-            thread.start()
-        try:
-            while any(thread.is_alive() for thread in threads):
-                next(thread for thread in threads if thread.is_alive()).join(REPORT_S)
-                self._tell()
-                if self._failure is not None:
-                    break
-        except BaseException:
-            self._stopped.set()
-            raise
-        finally:
-            self._end(threads)
-        self._tell()
-        if self._failure is not None:
-            raise self._failure
+        count = min(PARALLEL, len(files))
+        in_parallel(count, self._work, self._failures, self._stopped, self._tell)
 
     def send(self, file: SentFile, *, noted: bool = False) -> bool:
         """Send one file, which the log may have already; False when its fate is unknown."""
@@ -190,11 +169,11 @@ class _Sending:
                 )
             except OutageError as error:
                 outage = error
-            except StoppedError:
-                return False
             else:
                 self.log.finish(file.name)
-                self._settle(file)
+                with self._lock:
+                    self._under_way.pop(file.name, None)
+                    self._acknowledged += file.size
                 self._patience.over()
                 return True
             self._under_way.pop(file.name, None)
@@ -210,6 +189,20 @@ class _Sending:
                 raise ServerError(f"{outage}, {tries} times over with {file.name}")
         return False
 
+    def send_seed(self, path: Path, files: List[SentFile]) -> None:
+        """Send files packed into a seed.zip, of which the node takes all or nothing."""
+        text = f"{len(files)} files may have been cut; they are sent again packed"
+        self._report(JobEvent("message", text=text))
+        try:
+            require_sendable(self._trust, files)
+            _pack(path, files)
+            require_sendable(self._trust, files)
+            status = path.stat()
+            if not self.send(SentFile(SEED, str(path), status.st_size, status.st_mtime_ns)):
+                raise StartAgainError(_CUT)
+        finally:
+            path.unlink(missing_ok=True)
+
     def _work(self) -> None:
         mine: List[SentFile] = []
         try:
@@ -219,10 +212,6 @@ class _Sending:
                     return
                 require_sendable(self._trust, mine[:1])
                 self.send(mine.pop(0), noted=True)
-        except StoppedError:
-            return
-        except BaseException as error:
-            self._failure = self._failure or _translated(error)
         finally:
             if mine:
                 self.log.retract(*(file.name for file in mine))
@@ -237,56 +226,16 @@ class _Sending:
         return files
 
     def _ended(self) -> bool:
-        return self._stopped.is_set() or self._failure is not None
-
-    def _end(self, threads: List[threading.Thread]) -> None:
-        """Wait a little; a worker that is still blocked in the line ends with the process."""
-        end = time.monotonic() + JOIN_S
-        for thread in threads:
-            thread.join(max(0.0, end - time.monotonic()))
+        return self._stopped.is_set() or bool(self._failures)
 
     def _count(self, name: str, count: int) -> None:
         with self._lock:
             self._under_way[name] = self._under_way.get(name, 0) + count
 
-    def _settle(self, file: SentFile) -> None:
-        with self._lock:
-            self._under_way.pop(file.name, None)
-            self._acknowledged += file.size
-
     def _tell(self) -> None:
         with self._lock:
             done = self._acknowledged + sum(self._under_way.values())
         self._report(JobEvent("upload", min(done, self._total), self._total))
-
-
-def _translated(error: BaseException) -> BaseException:
-    if isinstance(error, TaskLostError):
-        return StartAgainError("the node has forgotten the upload")
-    return error
-
-
-def _send_seed(
-    sending: _Sending, trust: Trust, folder: Path, files: List[SentFile], report: Report
-) -> None:
-    report(
-        JobEvent(
-            "message", text=f"{len(files)} files may have been cut; they are sent again packed"
-        )
-    )
-    path = folder / SEED
-    try:
-        require_sendable(trust, files)
-        _pack(path, files)
-        require_sendable(trust, files)
-        status = path.stat()
-        whole = sending.send(SentFile(SEED, str(path), status.st_size, status.st_mtime_ns))
-    except TaskLostError as error:
-        raise StartAgainError("the node has forgotten the upload") from error
-    finally:
-        path.unlink(missing_ok=True)
-    if not whole:
-        raise StartAgainError("the last part of the upload may have been cut")
 
 
 def _pack(path: Path, files: List[SentFile]) -> None:

@@ -1,24 +1,25 @@
-"""From the commit to the end of the task: hours, in which lines break and nodes restart."""
+"""From the commit to the result: hours, in which lines break and nodes restart."""
 
 from __future__ import annotations
 
 import re
 import threading
-from typing import Callable, List
+from pathlib import Path
+from typing import List, Optional
 
-from ..errors import JobError
-from ..sfm.servers.http import RefusedError
-from ..sfm.servers.multipart import StoppedError
-from ..sfm.servers.nodeodm import TaskLostError, TaskState, TaskStatus
+from ..errors import JobError, ServerError
+from ..sfm.servers.errors import ArchiveError, RefusedError, StoppedError, TaskLostError
+from ..sfm.servers.nodeodm import TaskState, TaskStatus
 from ..sfm.servers.patience import Patience
-from .events import JobEvent, Report
-from .journal import Job
-from .servers import TaskServer
+from .job import ARCHIVE, Job, JobEvent, Report, TaskServer
 
-__all__ = ["AGAIN", "MiscountedError", "lost", "wait_for"]
+__all__ = ["AGAIN", "MiscountedError", "fetch", "wait_for"]
 
 AGAIN = "resume with --resubmit to submit it again"
 TAIL = 20  # lines of output shown after a failure
+BAD_ARCHIVES = 3
+RESULT_RATIO = 20  # a result is rarely larger than its photographs, which hardly pack ...
+RESULT_BYTES = 4 << 30  # ... but of a few small ones it may be
 _IN_MESSAGE = 3
 _STAGE = re.compile(r"Running (\w[\w -]*?) stage")
 
@@ -48,8 +49,11 @@ def wait_for(
     stage = ""
     while True:
         state = patience.through(lambda: node.task(job.uuid))
-        if state.counted and state.status != TaskStatus.FAILED:
-            _require_count(job, state)
+        if state.counted and state.status != TaskStatus.FAILED and state.images != job.images:
+            raise MiscountedError(
+                f"the node has {state.images} images, {job.images} were sent: some are missing "
+                f"there, or there twice, and the result would be wrong; {AGAIN}"
+            )
         if state.status == TaskStatus.COMPLETED:
             report(JobEvent("task", 100.0, 100.0, stage, state.elapsed_s))
             return
@@ -58,20 +62,12 @@ def wait_for(
         if state.status == TaskStatus.CANCELED:
             raise JobError(f"{node.name}: somebody has cancelled task {job.uuid} there; {AGAIN}")
         if state.counted and state.status == TaskStatus.RUNNING:
-            stage = _stage(node, job, patience) or stage
-        report(
-            JobEvent("task", state.progress or 0.0, 100.0, _shown(state, stage), state.elapsed_s)
-        )
+            found = _STAGE.findall("\n".join(_output(node, job, patience)))
+            stage = found[-1] if found else stage
+        done = state.progress or 0.0
+        report(JobEvent("task", done, 100.0, _shown(state, stage), state.elapsed_s))
         if stopped.wait(poll_s):
             raise StoppedError
-
-
-def _require_count(job: Job, state: TaskState) -> None:
-    if state.images != job.images:
-        raise MiscountedError(
-            f"the node has {state.images} images, {job.images} were sent: some are missing there, "
-            f"or there twice, and the result would be wrong; {AGAIN}"
-        )
 
 
 def _shown(state: TaskState, stage: str) -> str:
@@ -82,16 +78,11 @@ def _shown(state: TaskState, stage: str) -> str:
     return "queued" if state.status == TaskStatus.QUEUED else stage
 
 
-def _stage(node: TaskServer, job: Job, patience: Patience) -> str:
-    found = _STAGE.findall("\n".join(_output(node, job, patience)))
-    return str(found[-1]) if found else ""
-
-
 def _failed(
     node: TaskServer, job: Job, state: TaskState, patience: Patience, report: Report
 ) -> JobError:
-    """Say why: the node's own reason, and the end of what the engine said."""
-    lines = _output(node, job, patience)[-TAIL:]
+    """Return the error: the node's own reason, and the last lines of the engine's output."""
+    lines = _output(node, job, patience)
     for line in lines:
         report(JobEvent("message", text=f"  {line}"))
     tail = " | ".join(line.strip() for line in lines[-_IN_MESSAGE:])
@@ -103,20 +94,60 @@ def _failed(
 
 
 def _output(node: TaskServer, job: Job, patience: Patience) -> List[str]:
-    """The end of the output, where the node gives one; nothing depends on it."""
-    return patience.through(lambda: _or_nothing(lambda: node.output(job.uuid, TAIL)))
-
-
-def _or_nothing(ask: Callable[[], List[str]]) -> List[str]:
+    """Return the end of the output, where the node gives one; nothing depends on it."""
     try:
-        return ask()
+        return patience.through(lambda: node.output(job.uuid, TAIL))
     except RefusedError:
         return []
 
 
-def lost(node: TaskServer, job: Job, error: TaskLostError) -> JobError:
-    """Say that a task is gone, and what to do."""
-    return JobError(
-        f"{node.name}: does not know task {job.uuid} any more ({error.reason}): {node.forgets}; "
-        f"{AGAIN}"
-    )
+def fetch(
+    node: TaskServer,
+    folder: Path,
+    job: Job,
+    patience: Patience,
+    report: Report,
+    most: Optional[int] = None,
+) -> Path:
+    """Download the task's all.zip; an outage in between starts it again, as nodes know no ranges.
+
+    It may have `most` bytes; by default many times as many as the photographs.
+
+    Raises
+    ------
+    TaskLostError
+        The node does not know the task any more.
+    JobError, ServerError
+        The node has no archive for the task, or sends damaged ones again and again.
+    """
+    target = folder / ARCHIVE
+    bad = 0
+
+    def tell(done: int, total: Optional[int]) -> None:
+        report(JobEvent("download", done, total))
+
+    def ask() -> None:
+        nonlocal bad
+        try:
+            node.download(job.uuid, target, tell, most_bytes(job) if most is None else most)
+        except TaskLostError:
+            raise
+        except RefusedError as error:
+            raise JobError(
+                f"{node.name}: has no all.zip for task {job.uuid} ({error.reason}); {AGAIN}"
+            ) from None
+        except ArchiveError as error:
+            bad += 1
+            if bad < BAD_ARCHIVES:
+                raise
+            raise ServerError(
+                f"{error}, {bad} times over; look at the node's disk, then resume"
+            ) from None
+
+    patience.through(ask)
+    return target
+
+
+def most_bytes(job: Job) -> int:
+    """Return how many bytes a result may have: some servers do not tell how many are to come."""
+    return RESULT_BYTES + RESULT_RATIO * sum(file.size for file in job.files)

@@ -1,19 +1,22 @@
-"""Objects: points into cubes, cubes into a body; or the paper's method, which holds all points."""
+"""A body: a mesh by its faces, points by sections or by the paper's method."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Mapping, Optional, Tuple
+from typing import Mapping, NamedTuple, Optional, Tuple, Union
 
 import numpy as np
 
+from ..cloud import Cloud, Mesh
 from ..crs import Frame
 from ..errors import InputError, QuantifyError
 from ..source import Source
-from ..types import AreaResult, Bounds, FloatArray, Floor, Measurement, Options
-from ..volcalc.body.measure import SolidRecipe, floor_of, measure_solid
+from ..types import AreaResult, Bounds, Faces, FloatArray, Floor, Measurement, Notice, Options
+from ..volcalc.body.measure import floor_of, measure_body
 from ..volcalc.body.voxels import Thinned, VoxelAccumulator
-from ..volcalc.paper.measure import BodyRecipe, measure_body
+from ..volcalc.mesh.measure import measure_mesh
+from ..volcalc.paper import measure_polar
+from ..volcalc.slices import BodyRecipe
 from .accounting import FAR
 from .common import (
     bounds_in_frame,
@@ -21,14 +24,14 @@ from .common import (
     ground_factor,
     measurement_of,
     none_within_bounds,
+    only_vertices,
     placed_level,
     window_of,
 )
 from .drawn import cloud_window
-from .mesh import ByFaces, measure_faces
 from .streaming import Progress, gather, stream, thread_count
 
-__all__ = ["find_floor", "measure_object"]
+__all__ = ["ByFaces", "find_floor", "measure_faces", "measure_whole_body"]
 
 #: A cloud whose core is a smaller share of its box than this is read again, in cubes fit for it.
 _LEAST_CORE = 1e-3
@@ -41,70 +44,90 @@ _FEW = 2.5
 _MOST_OUTSIDE = 0.05
 
 
-def measure_object(source: Source, frame: Frame, options: Options, report: Progress) -> Measurement:
-    """Measure the body whose surface the whole cloud is."""
-    bounds = bounds_in_frame(source, frame)
-    level = placed_level(frame, options, options.floor, cloud_window(source, frame))
-    options = replace(options, floor="auto" if level is None else level)
-    method = options.method or ("polar" if options.center_caps else "section")
+class ByFaces(NamedTuple):
+    """A mesh's result, the counts of points left out, grid length / ground length, and warnings."""
+
+    result: AreaResult
+    left_out: Mapping[str, int]
+    factor: Optional[float]
+    warnings: Tuple[str, ...]
+
+
+def measure_whole_body(
+    source: Source, frame: Frame, options: Options, report: Progress
+) -> Measurement:
+    """Return the measurement of the body whose surface the whole cloud is."""
     by_faces = measure_faces(source, frame, options, report)
     if isinstance(by_faces, ByFaces):
-        result, left_out, factor, warnings = by_faces
-        results = [finish(result, left_out, options)]
-        return measurement_of(source, frame, "faces", factor, results, warnings)
-    run = _by_sections if method == "section" else _by_polar
-    try:
-        result, left_out, factor = run(source, frame, bounds, options, report)
-    except QuantifyError as error:
-        if not by_faces:
-            raise
-        raise InputError(f"{'; '.join(by_faces)}; and {error}") from error
+        method, (result, left_out, factor, warnings) = "faces", by_faces
+    else:
+        method = options.method or ("polar" if options.center_caps else "section")
+        run, warnings = _by_sections if method == "section" else _by_polar, by_faces
+        try:
+            result, left_out, factor = run(source, frame, options, report)
+        except QuantifyError as error:
+            if not warnings:
+                raise
+            raise InputError(f"{'; '.join(warnings)}; and {error}") from error
     results = [finish(result, left_out, options)]
-    return measurement_of(source, frame, method, factor, results, by_faces)
+    return measurement_of(source, frame, method, factor, results, warnings)
 
 
 def find_floor(source: Source, frame: Frame, report: Progress) -> Optional[Floor]:
-    """Return what would be taken for ground; None where there is none."""
-    thinned, *_ = _thinned(source, frame, bounds_in_frame(source, frame), 0, report)
+    """Return the floor that would be found under the body; None where there is none."""
+    thinned, *_ = _thinned(source, frame, 0, report)
     return floor_of(thinned)
 
 
-def _factor(source: Source, frame: Frame, bounds: Bounds, options: Options) -> Optional[float]:
+def _factor_and_recipe(
+    source: Source, frame: Frame, bounds: Bounds, options: Options
+) -> Tuple[Optional[float], BodyRecipe]:
+    """Return grid length / ground length, None where not corrected; and how to measure."""
     middle = 0.5 * (bounds.min_z + bounds.max_z)
-    return ground_factor(source, frame, window_of(bounds), middle, options)
-
-
-def _by_sections(
-    source: Source,
-    frame: Frame,
-    bounds: Bounds,
-    options: Options,
-    report: Progress,
-) -> Tuple[AreaResult, Mapping[str, int], Optional[float]]:
-    thinned, left_out, far, bounds = _thinned(source, frame, bounds, options.threads, report)
-    factor = _factor(source, frame, bounds, options)
-    recipe = SolidRecipe(
+    factor = ground_factor(source, frame, window_of(bounds), middle, options)
+    return factor, BodyRecipe(
         slices=options.slices,
         slice_height=options.slice_height,
         hollow=options.hollow,
         max_gap=options.max_gap,
-        floor=options.floor,
+        floor=placed_level(frame, options, options.floor, cloud_window(source, frame)),
+        accuracy=options.accuracy,
+        center_caps=options.center_caps,
         ground_factor=factor or 1.0,
     )
+
+
+def _by_sections(
+    source: Source, frame: Frame, options: Options, report: Progress
+) -> Tuple[AreaResult, Mapping[str, int], Optional[float]]:
+    thinned, left_out, bounds = _thinned(source, frame, options.threads, report)
+    factor, recipe = _factor_and_recipe(source, frame, bounds, options)
     report("finding the body", 0.0)
-    result = measure_solid(source.stem, thinned, recipe)
+    result = measure_body(source.stem, thinned, recipe)
     report("finding the body", 1.0)
-    return result, {**left_out, FAR: far}, factor
+    return result, left_out, factor
+
+
+def _by_polar(
+    source: Source, frame: Frame, options: Options, report: Progress
+) -> Tuple[AreaResult, Mapping[str, int], Optional[float]]:
+    factor, recipe = _factor_and_recipe(source, frame, bounds_in_frame(source, frame), options)
+    x, y, z, left_out = gather(source.cloud, frame, report)
+    report("slicing", 0.0)
+    result = measure_polar(source.stem, x, y, z, recipe)
+    report("slicing", 1.0)
+    return result, left_out, factor
 
 
 def _thinned(
-    source: Source, frame: Frame, bounds: Bounds, threads: int, report: Progress
-) -> Tuple[Thinned, Mapping[str, int], int, Bounds]:
-    """Return centroids, the counts of points left out and of those far from all others, the box.
+    source: Source, frame: Frame, threads: int, report: Progress
+) -> Tuple[Thinned, Mapping[str, int], Bounds]:
+    """Return centroids, the counts of points left out by reason, and the box of the centroids.
 
     One point a thousand kilometres away, and the finest cubes would be too large for all the
     others: the cloud is then read again, without it.
     """
+    bounds = bounds_in_frame(source, frame)
     low = np.array([bounds.min_x, bounds.min_y, bounds.min_z])
     high = np.array([bounds.max_x, bounds.max_y, bounds.max_z])
     while True:
@@ -114,7 +137,7 @@ def _thinned(
         inner_low, inner_high = _core(thinned, accumulator.grain)
         if np.max(inner_high - inner_low) >= _LEAST_CORE * np.max(high - low):
             far = accumulator.seen - accumulator.placed
-            return thinned, left_out, far, Bounds(*low.tolist(), *high.tolist())
+            return thinned, {**left_out, FAR: far}, Bounds(*low.tolist(), *high.tolist())
         low, high = inner_low, inner_high
 
 
@@ -127,35 +150,79 @@ def _core(thinned: Thinned, grain: float) -> Tuple[FloatArray, FloatArray]:
     """
     if not len(thinned.points):
         raise none_within_bounds()
+    count = thinned.counts.sum()
+    outside = max(_OUTSIDE_CORE, min(_FEW / count, _MOST_OUTSIDE))
     corners = []
-    for axis in range(3):
-        order = np.argsort(thinned.points[:, axis], kind="stable")
-        count = thinned.counts.sum()
-        share = np.cumsum(thinned.counts[order]) / count
-        outside = max(_OUTSIDE_CORE, min(_FEW / count, _MOST_OUTSIDE))
-        ends = np.searchsorted(share, [outside, 1.0 - outside])
-        corners.append(thinned.points[order[np.minimum(ends, len(order) - 1)], axis])
+    for values in thinned.points.T:
+        order = np.argsort(values, kind="stable")
+        ends = np.searchsorted(np.cumsum(thinned.counts[order]) / count, [outside, 1.0 - outside])
+        corners.append(values[order[np.minimum(ends, len(order) - 1)]])
     low, high = np.array(corners).T
     room = max(float(np.max(high - low)), 2.0 * max(grain, thinned.edge), 1e-6)
     return low - room, high + room
 
 
-def _by_polar(
-    source: Source,
-    frame: Frame,
-    bounds: Bounds,
-    options: Options,
-    report: Progress,
-) -> Tuple[AreaResult, Mapping[str, int], Optional[float]]:
-    factor = _factor(source, frame, bounds, options)
+def measure_faces(
+    source: Source, frame: Frame, options: Options, report: Progress
+) -> Union[ByFaces, Tuple[str, ...]]:
+    """Return the volume within the faces of a mesh, or warnings that say why it has none.
+
+    Raises
+    ------
+    CloudError
+        The faces are damaged.
+    """
+    if not source.cloud.info.faces:
+        text = (
+            "--accuracy is that of a mesh's faces, and the cloud has none: it has no effect; leave "
+            "it out"
+        )
+        return () if options.accuracy is None else (Notice("accuracy-without-faces", text),)
+    if options.method == "polar" or options.center_caps:
+        return only_vertices(source, "--method polar takes points")
+    lost = "" if options.accuracy is None else "; --accuracy has no effect"
+    report("reading faces", 0.0)
+    faces = source.cloud.faces() if isinstance(source.cloud, Mesh) else None
+    if faces is None:
+        return only_vertices(
+            source, f"they are those of several files; join the meshes, or measure each{lost}"
+        )
     x, y, z, left_out = gather(source.cloud, frame, report)
-    recipe = BodyRecipe(
-        slices=options.slices,
-        slice_height=options.slice_height,
-        center_caps=options.center_caps,
-        ground_factor=factor or 1.0,
+    if any(left_out.values()):
+        faces = _renumbered(source.cloud, faces)
+    if faces is None:
+        count = sum(left_out.values())
+        said = "1 vertex is" if count == 1 else f"{count} vertices are"
+        return only_vertices(source, f"{said} left out{lost}")
+    factor, recipe = _factor_and_recipe(source, frame, bounds_in_frame(source, frame), options)
+    report("judging the mesh", 0.0)
+    found = measure_mesh(source.stem, np.column_stack([x, y, z]), faces, recipe)
+    report("judging the mesh", 1.0)
+    if isinstance(found, str):
+        return only_vertices(source, found + lost)
+    return ByFaces(found, left_out, factor, _without_effect(options))
+
+
+def _renumbered(cloud: Cloud, faces: Faces) -> Optional[Faces]:
+    """Return faces with the numbers of the points that are kept; None where they have others."""
+    kept = np.concatenate(
+        [
+            np.ones(len(chunk), dtype=bool) if chunk.kept is None else chunk.kept
+            for chunk in cloud.chunks()
+        ]
     )
-    report("slicing", 0.0)
-    result = measure_body(source.stem, x, y, z, recipe)
-    report("slicing", 1.0)
-    return result, left_out, factor
+    if not kept[faces.corners].all():
+        return None
+    return replace(faces, corners=(np.cumsum(kept) - 1)[faces.corners])
+
+
+def _without_effect(options: Options) -> Tuple[str, ...]:
+    """Return the warning that some options do not concern a closed mesh; none where none do."""
+    given = {
+        "--hollow": options.hollow,
+        "--max-gap": options.max_gap is not None,
+        "--floor": options.floor != "auto",
+    }
+    names = [name for name, is_given in given.items() if is_given]
+    text = f"without effect: {', '.join(names)}; a closed mesh is measured as its faces are"
+    return (Notice("no-effect-on-mesh", text, options=names),) if names else ()

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, replace
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, TypeVar, Union
 
 from ..crs import Frame, grid_scale_factor, location_warnings
 from ..errors import CloudError
+from ..options import OPTIONS, Options
 from ..source import Source
-from ..types import AreaFailure, AreaResult, Bounds, CloudInfo, Measurement, Options, Window
+from ..types import AreaFailure, AreaResult, Bounds, CloudInfo, Measurement, Notice, Window
 from ..version import package_version
 from .accounting import losses
 from .streaming import nothing_usable
@@ -32,6 +33,7 @@ __all__ = [
 ]
 
 Result = Union[AreaResult, AreaFailure]
+Level = TypeVar("Level")
 
 
 def bounds_in_frame(source: Source, frame: Frame) -> Bounds:
@@ -75,16 +77,15 @@ def ground_factor(
     )
 
 
-def placed_level(
-    frame: Frame, options: Options, level: Union[str, float, None], at: Window
-) -> Union[str, float, None]:
+def placed_level(frame: Frame, options: Options, level: Level, at: Window) -> Union[Level, float]:
     """Return an elevation given in the cloud's own frame where the cloud has been moved to.
 
     Parameters
     ----------
+    level : an elevation, metres; anything else is returned as it is.
     at : about where it counts, in the cloud's own frame: a level of a tilted cloud is tilted.
     """
-    if options.area_frame != "cloud" or not isinstance(level, (int, float)):
+    if options.area_frame == "control" or not isinstance(level, (int, float)):
         return level
     return frame.elevation(level, (at.min_x + at.max_x) / 2, (at.min_y + at.max_y) / 2)
 
@@ -115,10 +116,11 @@ def only_vertices(source: Source, reason: str) -> Tuple[str, ...]:
     if not info.faces:
         return ()
     faces = "1 face" if info.faces == 1 else f"{info.faces:,} faces"
-    return (
+    text = (
         f"only the {info.point_count:,} vertices of the mesh count, as points of a cloud, not its "
-        f"{faces}: {reason}",
+        f"{faces}: {reason}"
     )
+    return (Notice("faces-not-used", text, vertices=info.point_count, faces=info.faces),)
 
 
 def measurement_of(
@@ -169,14 +171,14 @@ def provenance(
     seconds: float,
     only: Optional[Sequence[str]] = None,
 ) -> Mapping[str, Any]:
-    """Return what a result was made of: version, options (or some of them), input, how long."""
-    plain = replace(options, area=None, gcp=None)
-    given = {k: v for k, v in asdict(plain).items() if v is not None}
-    for name in ("area", "gcp"):
+    """Return what a result was made of: version, options (or some of them), input, duration."""
+    given = {}
+    for name, option in OPTIONS.items():
         value = getattr(options, name)
-        if value is not None:
-            given[name] = str(value) if isinstance(value, (str, Path)) else "given as an object"
-    given = {key: value for key, value in given.items() if only is None or key in only}
+        if option.kind == "given" and value is not None:
+            value = str(value) if isinstance(value, (str, Path)) else "given as an object"
+        if value is not None and (only is None or name in only):
+            given[name] = value
     return {
         "version": package_version(),
         "options": given,

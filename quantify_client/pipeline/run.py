@@ -11,19 +11,14 @@ from pathlib import Path
 from typing import Any, Mapping, Optional, Tuple, Union
 
 from ..crs import Frame, measuring_frame
-from ..options import check_options, choose_shape
+from ..options import Options, choose_shape, read_options
 from ..sfm.servers.access import Access
 from ..source import Source, is_address, open_source
-from ..types import Floor, Measurement, Options
+from ..types import SCHEMA, Floor, Measurement
 from .accounting import every_point, left_out, losses
-from .body import find_floor, measure_object
-from .checking import with_check_words
+from .checking import with_check_warnings
 from .common import cloud_warnings, coordinates_of, provenance
-from .control.budget import with_scale
-from .control.place import place_cloud
-from .mesh import ByFaces, measure_faces
 from .streaming import Progress
-from .terrain import measure_areas
 
 __all__ = ["describe", "measure"]
 
@@ -33,9 +28,29 @@ _MOST_READ = 1_000_000
 
 def measure(
     *sources: Union[str, Path],
+    area: Optional[Any] = None,
+    shape: str = "auto",
+    method: Optional[str] = None,
+    slices: Union[str, int] = "auto",
+    slice_height: Optional[float] = None,
+    base: Optional[Union[str, float]] = None,
+    center_caps: bool = False,
+    hollow: bool = False,
+    max_gap: Optional[float] = None,
+    floor: Union[str, float] = "auto",
+    accuracy: Optional[float] = None,
+    grid: bool = False,
+    gcp: Optional[Any] = None,
+    area_frame: str = "cloud",
+    scale_mode: str = "auto",
+    crs: Optional[str] = None,
+    source_unit: Optional[str] = None,
+    vertical_unit: Optional[str] = None,
+    density: Optional[Union[float, str]] = None,
+    density_sigma: float = 0.0,
+    threads: int = 0,
     progress: Optional[Progress] = None,
     access: Optional[Access] = None,
-    **options: Any,
 ) -> Measurement:
     """Measure volumes in a point cloud.
 
@@ -43,10 +58,15 @@ def measure(
     ----------
     *sources : a point cloud, an ODM project folder, an all.zip, an ept.json, the address of a task
         on a WebODM server, or several tiles of one survey.
+    area : file with polygons, or GeoJSON, shapely geometries or a GeoDataFrame; a result for each.
+    shape, method, slices, slice_height, base, center_caps, hollow, max_gap, floor, accuracy, grid,
+    gcp, area_frame, scale_mode, crs, source_unit, vertical_unit, threads : as on the command line
+        (``quantify-client volume --help``) and in :class:`Options`; lengths and elevations in
+        metres.
+    density, density_sigma : t/m3; or both in one text, ``"1.6:0.1"``.
     progress : called with the stage and the share done, from 0 to 1.
     access : who asks a WebODM server; by default what QUANTIFY_WEBODM_USER and
         QUANTIFY_WEBODM_PASSWORD say.
-    **options : fields of :class:`Options`, the same as the command line's.
 
     Returns
     -------
@@ -58,35 +78,49 @@ def measure(
     QuantifyError
         One line that says what was found, what was expected and what to do.
     """
+    options = read_options(locals())
     started, clock = datetime.now(timezone.utc), time.perf_counter()
-    chosen = check_options(Options(**options))
     report = progress or (lambda stage, share: None)
     with open_source(
         list(sources),
-        cameras=chosen.gcp is not None,
+        cameras=options.gcp is not None,
         access=access,
-        windowed=chosen.area is not None,
+        windowed=options.area is not None,
         progress=report,
-        options=chosen,
+        options=options,
     ) as source:
-        measurement = every_point(source, partial(_measured, options=chosen, report=report))
+        measurement = every_point(source, partial(_measured, options=options, report=report))
     seconds = time.perf_counter() - clock
-    measurement = with_check_words(measurement)
-    return replace(measurement, provenance=provenance(source, chosen, started, seconds))
+    measurement = with_check_warnings(measurement)
+    return replace(measurement, provenance=provenance(source, options, started, seconds))
+
+
+# Imports in functions: reading scipy.stats, which only control needs, or what only terrain or only
+# bodies need takes as long as measuring a small cloud (benchmarks/startup.py).
 
 
 def _measured(source: Source, options: Options, report: Progress) -> Measurement:
     info = source.cloud.info
     frame = measuring_frame(info.crs, options.source_unit, info.bounds)
-    placement = place_cloud(source, frame, options) if options.gcp is not None else None
-    frame = placement.frame if placement else frame
+    if options.gcp is None:
+        return _measured_in(frame, source, options, report)
+    from .control.budget import with_scale
+    from .control.place import place_cloud
+
+    placement = place_cloud(source, frame, options)
+    again = partial(_measured_in, source=source, options=options, report=report)
+    return with_scale(again(placement.frame), placement, options, again)
+
+
+def _measured_in(frame: Frame, source: Source, options: Options, report: Progress) -> Measurement:
     shape = choose_shape(options, has_crs=frame.crs is not None, is_odm=source.is_odm)
-    run = measure_areas if shape == "terrain" else measure_object
-    measurement = run(source, frame, options, report)
-    if placement is None:
-        return measurement
-    again = partial(run, source, options=options, report=report)
-    return with_scale(measurement, placement, options, again)
+    if shape == "terrain":
+        from .terrain import measure_areas
+
+        return measure_areas(source, frame, options, report)
+    from .body import measure_whole_body
+
+    return measure_whole_body(source, frame, options, report)
 
 
 def describe(
@@ -102,10 +136,10 @@ def describe(
     A source that would be measured as an object is read for the floor that the body stands on, one
     that is small and on this machine for what would be left out.
     """
+    options = read_options(locals())
     report = progress or (lambda stage, share: None)
-    given = Options(crs=crs, source_unit=source_unit, vertical_unit=vertical_unit)
     with open_source(
-        list(sources), access=access, windowed=True, progress=report, options=check_options(given)
+        list(sources), access=access, windowed=True, progress=report, options=options
     ) as source:
         return every_point(source, partial(_described, source_unit=source_unit, report=report))
 
@@ -124,7 +158,7 @@ def _described(source: Source, source_unit: Optional[str], report: Progress) -> 
     count = _MOST_READ if is_address(source.label) else info.point_count or 0
     lost = losses([left_out(source.cloud)]) if count < _MOST_READ else ()
     return {
-        "schema": "quantify-client/1",
+        "schema": SCHEMA,
         "source": source.label,
         "files": [dict(item) for item in source.inputs],
         "format": info.format,
@@ -147,6 +181,8 @@ def _standing(
     source: Source, frame: Frame, report: Progress
 ) -> Tuple[Optional[Floor], Tuple[str, ...]]:
     """Return what a body stands on, which one that its faces close does not; and warnings."""
+    from .body import ByFaces, find_floor, measure_faces
+
     faces = measure_faces(source, frame, Options(), report)
     if isinstance(faces, ByFaces):
         return None, faces.warnings

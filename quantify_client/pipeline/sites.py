@@ -1,10 +1,9 @@
-"""Polygons, control and photographs before there is a cloud: whether they are of one place."""
+"""Before there is a cloud: whether polygons, control and photographs are of the same site."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, List, Optional, Sequence, Tuple, Union
+from typing import Any, List, Sequence, Tuple
 
 import numpy as np
 import shapely
@@ -13,21 +12,21 @@ from ..areas.read import Area, read_areas
 from ..crs import Frame, local_frame, measuring_frame, positions_to, utm_grid
 from ..errors import AreaError, CrsError
 from ..scaler.adjustment.build import CloudPlace, build_network
-from ..scaler.control.read import read_control
-from ..types import AreaFailure, FloatArray
-from .control.site import Site, require_near
+from ..scaler.control.model import Control
+from ..types import AreaFailure, FloatArray, Notice
+from .control.site import ControlSite, require_near
 
 __all__ = ["AreaPlan", "compare_areas", "require_control_near"]
 
 _WGS84 = "EPSG:4326"
 
-#: A camera sees about as far to the side as it flies high: 120 m, and what a phone's GPS is off.
+#: A camera sees about as far to the side as it flies high, 120 m; and a phone's GPS is 30 m off.
 _SIGHT_M = 150.0
 
-#: A photograph farther than this from most others is not of their site, or its GPS is wrong.
+#: A photograph farther than this from most others is of another site, or its GPS is wrong.
 _SITE_M = 20_000.0
 
-#: Less than this share of a polygon out of sight is not worth a word.
+#: A polygon is only reported when more than this share of it is out of sight.
 _SLIGHT = 0.02
 
 
@@ -38,8 +37,8 @@ class AreaPlan:
     Attributes
     ----------
     names : of all polygons.
-    failures : those that nothing could be measured by.
-    notes : what else is worth saying, one line each.
+    failures : those that cannot be measured, and why.
+    notes : warnings.
     """
 
     names: Tuple[str, ...]
@@ -48,7 +47,7 @@ class AreaPlan:
 
 
 def compare_areas(area: Any, taken: Sequence[Tuple[float, float]]) -> AreaPlan:
-    """Hold polygons against the places that photographs were taken from.
+    """Compare polygons with the places that photographs were taken from.
 
     Parameters
     ----------
@@ -61,8 +60,8 @@ def compare_areas(area: Any, taken: Sequence[Tuple[float, float]]) -> AreaPlan:
         The polygons cannot be read.
     """
     if not taken:
-        note = "polygons cannot be compared with the photographs: none of these has a GPS position"
-        return AreaPlan((), (), (note,))
+        text = "polygons cannot be compared with the photographs: none of these has a GPS position"
+        return AreaPlan((), (), (Notice("photographs-without-gps", text),))
     frame, places, notes = _site(np.array(taken, dtype=np.float64))
     hull = shapely.multipoints(places).convex_hull
     found = read_areas(area, frame, None)
@@ -73,25 +72,25 @@ def compare_areas(area: Any, taken: Sequence[Tuple[float, float]]) -> AreaPlan:
         if problem:
             failures.append(AreaFailure(item.name, problem + _if_turned(area, number, frame, hull)))
         elif share > _SLIGHT:
-            notes.append(
+            text = (
                 f"{item.name}: {100 * share:.0f} % of it lies more than {_SIGHT_M:g} m outside "
                 "where the photographs were taken, and is hardly on any; draw it smaller, or add "
                 "photographs"
             )
+            notes.append(Notice("area-out-of-sight", text, name=item.name, share=share))
     names = tuple(item.name for item in found.areas)
     return AreaPlan(names, tuple(failures), (*found.warnings, *notes))
 
 
-def require_control_near(gcp: Union[str, Path], taken: Sequence[Tuple[float, float]]) -> None:
+def require_control_near(control: Control, taken: Sequence[Tuple[float, float]]) -> None:
     """Raise ControlError for positions that are not where photographs were taken."""
-    control = read_control(str(gcp))
     if not taken:
         return
     lon, lat = np.median(np.array(taken, dtype=np.float64), axis=0)
     local = local_frame(_WGS84, float(lon), float(lat), control.height_m or 0.0)
     there = {name: CloudPlace(np.zeros(3), np.eye(3)) for name in control.points}
     network, _ = build_network(control, local, 0.0, there)
-    site = Site(local, np.eye(4), 0.0, np.zeros(2))
+    site = ControlSite(local, np.eye(4), 0.0, np.zeros(2))
     require_near(control, site, network, "where the photographs were taken")
 
 
@@ -102,20 +101,23 @@ def _site(taken: FloatArray) -> Tuple[Frame, FloatArray, List[str]]:
     frame = measuring_frame(utm_grid(local), None, None)
     east_north = local.to_local(taken[:, 0], taken[:, 1], np.zeros(len(taken)), _WGS84)[:, :2]
     near = np.linalg.norm(east_north, axis=1) <= _SITE_M
-    notes = []
+    notes: List[str] = []
     if not near.any():  # of two sites, neither has most of the photographs
         near[:] = True
     if not near.all():
-        notes.append(
-            f"{int((~near).sum())} of {len(taken)} photographs were taken more than "
-            f"{_SITE_M / 1000:g} km from the others, by their GPS; leave them out, or correct it"
+        count = int((~near).sum())
+        text = (
+            f"{count} of {len(taken)} photographs were taken more than {_SITE_M / 1000:g} km from "
+            "the others, by their GPS; leave them out, or correct it"
         )
+        notes.append(Notice("photographs-far-away", text, count=count, of=len(taken)))
     lons, lats = taken[near].T.copy()
     x, y = positions_to(lons, lats, _WGS84, frame.grid or _WGS84)
     return frame, np.column_stack([x, y]), notes
 
 
 def _problem(area: Area, hull: Any) -> str:
+    """Return why a polygon cannot be measured in a cloud of these photographs, or ""."""
     apart = float(shapely.distance(area.polygon, hull))
     if apart <= _SIGHT_M:
         return ""
@@ -134,7 +136,6 @@ def _out_of_sight(area: Area, hull: Any) -> float:
 
 def _if_turned(area: Any, number: int, frame: Frame, hull: Any) -> str:
     """Say that a polygon's x and y seem to be swapped, if it would be at the photographs then."""
-    found: Optional[Any] = None
     try:
         found = read_areas(area, frame, None, turned=True).areas[number]
     except (AreaError, CrsError):

@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 from collections import Counter
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass, field
+from contextlib import closing
 from typing import (
     Any,
     Callable,
+    Generator,
     Iterable,
     Iterator,
-    List,
     Mapping,
     Optional,
     Protocol,
@@ -28,6 +28,7 @@ from ..types import Chunk, FloatArray, Window
 from ..volcalc.terrain.accumulate import TerrainAccumulator
 
 __all__ = [
+    "Accumulator",
     "Progress",
     "accumulate",
     "gather",
@@ -36,7 +37,7 @@ __all__ = [
     "thread_count",
 ]
 
-#: What a progress display is told: the stage in words, and the share that is done.
+#: Called with the name of the stage, and the share of it that is done.
 Progress = Callable[[str, float], None]
 
 _MOST_BY_DEFAULT = 4  # threads beyond this wait for the file
@@ -47,22 +48,6 @@ def thread_count(wanted: int) -> int:
     return wanted if wanted > 0 else min(os.cpu_count() or 1, _MOST_BY_DEFAULT)
 
 
-def accumulate(
-    cloud: Cloud,
-    frame: Frame,
-    accumulator: TerrainAccumulator,
-    threads: int,
-    progress: Progress,
-) -> Mapping[str, int]:
-    """Stream a cloud into an accumulator; return the counts of points left out by reason."""
-    window = frame.window_to_source(accumulator.window)
-
-    def pieces(chunk: Chunk) -> Iterator[Chunk]:
-        return _pieces(chunk, accumulator.at_once)
-
-    return stream(cloud, frame, accumulator, window, threads, progress, pieces)
-
-
 class Accumulator(Protocol):
     """What a pass fills: ``reduce`` is pure and runs in any thread, ``absorb`` in one at a time."""
 
@@ -70,11 +55,23 @@ class Accumulator(Protocol):
 
     def reduce(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Any:
         """Return the share of some points, in metres of the measuring frame."""
-        ...
 
-    def absorb(self, reduced: Any) -> None:
+    def absorb(self, shares: Any) -> None:
         """Add a chunk's share."""
-        ...
+
+
+def accumulate(
+    cloud: Cloud, frame: Frame, accumulator: TerrainAccumulator, threads: int, progress: Progress
+) -> Mapping[str, int]:
+    """Stream a cloud into the cells of areas: see `stream`, for the window that they need."""
+    window = frame.window_to_source(accumulator.window)
+
+    def pieces(chunk: Chunk) -> Iterator[Chunk]:
+        size = accumulator.at_once
+        for some in (slice(start, start + size) for start in range(0, len(chunk), size)):
+            yield Chunk(chunk.x[some], chunk.y[some], chunk.z[some])
+
+    return stream(cloud, frame, accumulator, window, threads, progress, pieces)
 
 
 def stream(
@@ -93,39 +90,32 @@ def stream(
     window : what is needed at least, in the cloud's own coordinates; None for all.
     pieces : cuts a chunk into what the accumulator is to be given at a time.
     """
-    reading = _Reading(cloud, progress)
+    left_out: Counter[str] = Counter()
 
     def reduce(chunk: Chunk) -> Any:
         return accumulator.reduce(*frame.to_frame(chunk.x, chunk.y, chunk.z))
 
-    with _Workers(threads) as workers:
-        for chunk in reading.chunks(window):
-            for piece in pieces(chunk):
-                for reduced in workers.submit(reduce, piece):
-                    accumulator.absorb(reduced)
-        for reduced in workers.rest():
-            accumulator.absorb(reduced)
-    if not accumulator.seen and reading.left_out:
+    chunks = _chunks(cloud, window, left_out, progress)
+    some = (piece for chunk in chunks for piece in pieces(chunk))
+    with closing(_in_threads(reduce, some, threads)) as shares:
+        for share in shares:
+            accumulator.absorb(share)
+    if not accumulator.seen and left_out:
         raise nothing_usable()
-    return dict(reading.left_out)
-
-
-def _pieces(chunk: Chunk, size: int) -> Iterator[Chunk]:
-    for start in range(0, len(chunk), size):
-        some = slice(start, start + size)
-        yield Chunk(chunk.x[some], chunk.y[some], chunk.z[some])
+    return dict(left_out)
 
 
 def gather(
     cloud: Cloud, frame: Frame, progress: Progress
 ) -> Tuple[FloatArray, FloatArray, FloatArray, Mapping[str, int]]:
     """Return x, y and z of all points in the frame, and the counts of those left out."""
-    reading = _Reading(cloud, progress)
-    parts = [frame.to_frame(chunk.x, chunk.y, chunk.z) for chunk in reading.chunks()]
+    left_out: Counter[str] = Counter()
+    chunks = _chunks(cloud, None, left_out, progress)
+    parts = [frame.to_frame(chunk.x, chunk.y, chunk.z) for chunk in chunks]
     if not any(len(part[0]) for part in parts):
         raise nothing_usable()
     x, y, z = (np.concatenate([part[axis] for part in parts]) for axis in range(3))
-    return x, y, z, dict(reading.left_out)
+    return x, y, z, dict(left_out)
 
 
 def nothing_usable() -> CloudError:
@@ -136,54 +126,36 @@ def nothing_usable() -> CloudError:
     )
 
 
-@dataclass
-class _Reading:
-    """Counts what goes by, and tells the progress."""
-
-    cloud: Cloud
-    progress: Progress
-    left_out: Counter[str] = field(default_factory=Counter)
-
-    def chunks(self, window: Optional[Window] = None) -> Iterator[Chunk]:
-        read, total = 0, max(self.cloud.info.point_count or 1, 1)
-        for chunk in self.cloud.chunks(window):
-            self.left_out.update(chunk.left_out)
-            yield chunk
-            read += len(chunk) + sum(chunk.left_out.values())
-            self.progress("reading points", min(read / total, 1.0))
+def _chunks(
+    cloud: Cloud, window: Optional[Window], left_out: Counter[str], progress: Progress
+) -> Iterator[Chunk]:
+    """Yield the chunks of a cloud; count what is left out, and report the progress."""
+    read, total = 0, max(cloud.info.point_count or 1, 1)
+    for chunk in cloud.chunks(window):
+        left_out.update(chunk.left_out)
+        yield chunk
+        read += len(chunk) + sum(chunk.left_out.values())
+        progress("reading points", min(read / total, 1.0))
 
 
-class _Workers:
-    """Applies a function to chunks in threads, with few chunks under way so memory stays small."""
-
-    def __init__(self, threads: int) -> None:
-        self._pool = ThreadPoolExecutor(threads - 1) if threads > 1 else None
-        self._limit = threads
-        self._waiting: Set[Future[Any]] = set()
-
-    def __enter__(self) -> _Workers:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        if self._pool is not None:
-            for future in self._waiting:
+def _in_threads(
+    function: Callable[[Chunk], Any], chunks: Iterable[Chunk], threads: int
+) -> Generator[Any, None, None]:
+    """Yield the function's results for chunks, with few under way so that memory stays small."""
+    if threads <= 1:
+        yield from map(function, chunks)
+        return
+    waiting: Set[Future[Any]] = set()
+    with ThreadPoolExecutor(threads - 1) as pool:
+        try:
+            for chunk in chunks:
+                waiting.add(pool.submit(function, chunk))
+                while len(waiting) >= threads:
+                    done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+                    yield from (future.result() for future in done)
+            while waiting:
+                done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+                yield from (future.result() for future in done)
+        finally:
+            for future in waiting:
                 future.cancel()
-            self._pool.shutdown(wait=True)
-
-    def submit(self, function: Callable[[Chunk], Any], chunk: Chunk) -> Iterator[Any]:
-        """Take a chunk; yield results that are ready."""
-        if self._pool is None:
-            yield function(chunk)
-            return
-        self._waiting.add(self._pool.submit(function, chunk))
-        while len(self._waiting) >= self._limit:
-            yield from self._ready()
-
-    def rest(self) -> Iterator[Any]:
-        """Yield what is still under way."""
-        while self._waiting:
-            yield from self._ready()
-
-    def _ready(self) -> List[Any]:
-        done, self._waiting = wait(self._waiting, return_when=FIRST_COMPLETED)
-        return [future.result() for future in done]

@@ -9,13 +9,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from .document.scaling import (  # a module and a function of one name: not late
-    scale_document,
-    scale_json,
-)
-
 if TYPE_CHECKING:
-    from .document.measurement import to_json
+    from .document.measurement import scale_document, scale_json, to_json
     from .terminal.control import control_document, print_control
     from .terminal.results import print_table
     from .terminal.scaling import print_scaling
@@ -41,6 +36,8 @@ _MODULES = {
     "print_scaling": "terminal.scaling",
     "print_table": "terminal.results",
     "require_writable": "write",
+    "scale_document": "document.measurement",
+    "scale_json": "document.measurement",
     "to_json": "document.measurement",
     "write_report": "write",
     "write_scale_page": "write",

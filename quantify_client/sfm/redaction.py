@@ -1,10 +1,10 @@
-"""Texts that must show nowhere: not in a message, not in what libraries log."""
+"""What servers and files say, fit to be shown: on one line, and without secrets."""
 
 from __future__ import annotations
 
 import logging
 import unicodedata
-from typing import Iterable, List, Set
+from typing import Iterable, Set
 from urllib.parse import quote, quote_plus
 
 __all__ = ["forms", "hidden", "mask_logs", "plain"]
@@ -13,7 +13,7 @@ _URL_LOGGERS = ("urllib3.connectionpool", "urllib3.util.retry", "urllib3.poolman
 
 
 def plain(text: object, most: int = 300) -> str:
-    r"""Return what a server said on one line, without anything that steers a terminal.
+    r"""Return a text on one line, without anything that steers a terminal, cut if it is long.
 
     Examples
     --------
@@ -26,16 +26,15 @@ def plain(text: object, most: int = 300) -> str:
 
 
 def hidden(text: str, secrets: Iterable[str]) -> str:
-    """Return the text with every secret replaced."""
+    """Return the text with every secret replaced by stars."""
     for secret in sorted(secrets, key=len, reverse=True):
         text = text.replace(secret, "***")
     return text
 
 
-def forms(secret: str) -> List[str]:
-    """Every way in which a secret may be written in a URL or a message."""
-    forms = {secret, quote(secret), quote(secret, safe=""), quote_plus(secret), repr(secret)[1:-1]}
-    return list(forms)
+def forms(secret: str) -> Set[str]:
+    """Return every way in which a secret may be written in a URL or a message."""
+    return {secret, quote(secret), quote(secret, safe=""), quote_plus(secret), repr(secret)[1:-1]}
 
 
 class _Masking(logging.Filter):
@@ -52,7 +51,7 @@ _MASKING = _Masking()
 
 
 def mask_logs(secrets: Iterable[str]) -> None:
-    """Have urllib3 log nothing that holds one of these."""
+    """Have urllib3 log nothing that holds one of these secrets."""
     _MASKING.secrets.update(secrets)
     for logger in _URL_LOGGERS:
         logging.getLogger(logger).addFilter(_MASKING)

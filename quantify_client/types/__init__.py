@@ -6,12 +6,22 @@ Frozen dataclasses only. Lengths, areas and volumes are in metres unless a name 
 
 from __future__ import annotations
 
-from .arrays import FloatArray, IntArray
-from .cloud import MAX_COORDINATE, Bounds, Chunk, CloudInfo, CrsPart, Faces, Window
-from .control import ControlAccount
+from ..options import Options
+from .cloud import (
+    MAX_COORDINATE,
+    Bounds,
+    Chunk,
+    CloudInfo,
+    CrsPart,
+    Faces,
+    FloatArray,
+    IntArray,
+    Window,
+)
 from .notice import Notice
-from .options import Options
+from .records import SCHEMA, document
 from .results import (
+    INTERVAL95,
     AreaFailure,
     AreaResult,
     BudgetItem,
@@ -20,12 +30,23 @@ from .results import (
     Gap,
     Measurement,
     Relief,
+    Scaled,
     Slice,
     Solid,
+    interval95,
 )
-from .scaling import ControlledPoint, DirectHeight, Matrix4, Scaled, ScaleObservation, Scaling
+from .scaling import (
+    ControlAccount,
+    ControlledPoint,
+    DirectHeight,
+    Matrix4,
+    ScaleObservation,
+    Scaling,
+)
+from .shapes import plain, warnings_json
 
 __all__ = [
+    "INTERVAL95",
     "MAX_COORDINATE",
     "AreaFailure",
     "AreaResult",
@@ -49,9 +70,14 @@ __all__ = [
     "Options",
     "Relief",
     "ScaleObservation",
+    "SCHEMA",
     "Scaled",
     "Scaling",
     "Slice",
     "Solid",
     "Window",
+    "document",
+    "interval95",
+    "plain",
+    "warnings_json",
 ]

@@ -8,8 +8,6 @@ from typing import Mapping, Optional, Sequence, Tuple
 import numpy as np
 import numpy.typing as npt
 
-from .arrays import FloatArray, IntArray
-
 __all__ = [
     "MAX_COORDINATE",
     "Bounds",
@@ -17,8 +15,13 @@ __all__ = [
     "CloudInfo",
     "CrsPart",
     "Faces",
+    "FloatArray",
+    "IntArray",
     "Window",
 ]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
 
 #: Beyond any map in millimetres: no place on the Earth, in no unit. Up to here products of two
 #: coordinates, and differences of any two, stay exact enough.

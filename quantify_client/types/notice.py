@@ -32,15 +32,15 @@ class Notice(str):
 
     def __new__(cls, code: str, text: str, **values: Any) -> Notice:
         """Return the sentence with its code and values."""
+        return cls.of(code, text, values)
+
+    @classmethod
+    def of(cls, code: str, text: str, values: Mapping[str, Any]) -> Notice:
+        """Return the same, of values with any names."""
         notice = super().__new__(cls, text)
-        notice.code = code
-        notice.values = values
+        notice.code, notice.values = code, values
         return notice
 
     def __reduce__(self) -> Any:
         """Keep code and values when the warning goes to another process or is copied."""
-        return _rebuilt, (self.code, str(self), dict(self.values))
-
-
-def _rebuilt(code: str, text: str, values: Mapping[str, Any]) -> Notice:
-    return Notice(code, text, **values)
+        return Notice.of, (self.code, str(self), dict(self.values))

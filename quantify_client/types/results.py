@@ -1,15 +1,23 @@
-"""What a measurement ends in."""
+"""What a measurement, or a scaling, ends in: what the JSON documents hold is defined here.
+
+How annotations become JSON and its schema is told in :mod:`.records`: a new number of a result is
+one line here.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
-from typing import Any, Mapping, Optional, Sequence, Tuple, Union
+from typing import Annotated, Any, Mapping, Optional, Sequence, Tuple, Union
 
 import numpy as np
 import numpy.typing as npt
 
-from .arrays import FloatArray
-from .scaling import Scaling
+from .cloud import FloatArray
+from .notebook import Notebook
+from .records import LEFT_OUT, Key, Length, Only
+from .scaling import Crs, Line, Name, Positive, Scaling, Warnings
+from .shapes import Anything, Listed, Mapped, Number, Record, Text, Whole, plain
 
 __all__ = [
     "AreaFailure",
@@ -18,52 +26,108 @@ __all__ = [
     "Check",
     "Floor",
     "Gap",
+    "INTERVAL95",
     "Measurement",
     "Relief",
+    "Scaled",
     "Slice",
     "Solid",
+    "interval95",
 ]
+
+#: Half a 95 % interval, in standard deviations.
+INTERVAL95 = 1.96
+
+_SOURCES = ("survey", "base", "scale", "coverage", "slicing", "outline", "sampling")
+_SAID = {"value": Text(200), "source": Text(200)}
+_PARTS = ("CRS", "datum", "projection", "horizontal unit", "heights", "vertical unit")
+_PROVENANCE = Record(
+    {
+        "version": Text(80),
+        "options": Mapped(Anything()),
+        "input": Anything(),
+        "started": Text(80),
+        "seconds": Number(0),
+        "coordinates": Listed(
+            Record(
+                {
+                    "part": Text(40, known=_PARTS),
+                    **_SAID,
+                    "contradicted_by": Listed(Record(_SAID), 20),
+                }
+            ),
+            20,
+        ),
+    },
+    required=("version", "options", "input", "started", "seconds"),
+    others="keep",
+)
+
+Count = Annotated[int, Whole(0)]
+Interval = Tuple[float, float]
+Provenance = Annotated[
+    Mapping[str, Any],
+    _PROVENANCE,
+    "Version, options, size and modification time or sha256 of what was read, when, how long; what "
+    "said each part of the cloud's CRS, and what said otherwise and was not believed.",
+]
+
+
+def interval95(
+    value: Optional[float], std: Optional[float], *, least: float = -math.inf
+) -> Optional[Interval]:
+    """Return value - 1.96 std and value + 1.96 std, or None without either.
+
+    Of the digits that are written, so that whoever reads these finds the same interval.
+
+    Parameters
+    ----------
+    least : below it no true value can lie: 0 for cut and fill, which are never negative. The
+        interval ends there, and holds the truth as often as before.
+
+    Examples
+    --------
+    >>> interval95(10.0, 1.0), interval95(1.0, 1.0, least=0.0)
+    ((8.04, 11.96), (0.0, 2.96))
+    """
+    if value is None or std is None or not math.isfinite(value) or not math.isfinite(std):
+        return None
+    value, std = plain(value), plain(std)
+    return max(least, value - INTERVAL95 * std), value + INTERVAL95 * std
 
 
 @dataclass(frozen=True)
 class Slice:
-    """One horizontal slab.
+    """One horizontal slab."""
 
-    Terrain: ``z_m`` (its middle) counts from the base, negative below it, and ``volume_m3`` is
-    negative there. Objects: ``z_m`` is an elevation. ``area_m2`` is the mean cross-section.
-    """
-
-    z_m: float
-    height_m: float
-    area_m2: float
-    volume_m3: float
-    points: int
+    z_m: Annotated[float, "Middle. Terrain: above the base, negative below it. Object: elevation."]
+    height_m: Positive
+    area_m2: Annotated[Positive, "Mean cross-section."]
+    volume_m3: Annotated[
+        float, "Terrain: negative below the base. Object: its share of the quadrature."
+    ]
+    points: Count
 
 
 @dataclass(frozen=True)
 class BudgetItem:
-    """One source of error: its share in the standard deviations of net, cut and fill.
+    """One source of error: its share in the standard deviations of net, cut and fill."""
 
-    Its ``source`` is survey, base, scale, coverage, slicing, outline or sampling. Only ``source``
-    and ``std_m3`` (of ``volume_m3``) go into JSON's ``budget``.
-    """
-
-    source: str
-    std_m3: float
-    cut_std_m3: float = 0.0
-    fill_std_m3: float = 0.0
+    source: Annotated[str, Text(40, known=_SOURCES)]
+    std_m3: Annotated[Positive, "Of volume_m3."]
+    cut_std_m3: Annotated[float, LEFT_OUT] = 0.0
+    fill_std_m3: Annotated[float, LEFT_OUT] = 0.0
 
 
 @dataclass(frozen=True)
 class Check:
-    """The same volume by an independent route.
+    """The same volume by an independent method."""
 
-    ``margin_m3`` is how far it may be from the volume without anything being wrong.
-    """
-
-    method: str
+    method: Annotated[str, Text(100)]
     volume_m3: float
-    margin_m3: float = 0.0
+    margin_m3: Annotated[
+        Positive, "How far it may be from the volume without anything being wrong; 0: not known."
+    ] = 0.0
 
 
 @dataclass(frozen=True)
@@ -160,73 +224,120 @@ class Solid:
 class AreaResult:
     """The measurement of one area (terrain) or of one body (object).
 
-    Terrain: ``volume_m3`` is net = cut - fill; ``cut_m3`` lies above the base, ``fill_m3`` below
-    it, both positive. Objects: ``volume_m3`` is the enclosed volume, cut and fill are None.
     ``budget`` is itemised; every standard deviation is the root sum of squares of its column.
-    ``bases`` holds the comparison of base surfaces (``--base compare``), each row a complete
-    result of its own. ``relief``, ``solid`` and ``bases`` do not travel into JSON as they are.
+    Each row of ``bases`` is a complete result of its own, of which some numbers are in JSON;
+    ``relief`` and ``solid``, which pictures are drawn from, are not.
     """
 
-    name: str
-    volume_m3: float
-    cut_m3: Optional[float]
-    fill_m3: Optional[float]
-    std_m3: Optional[float]
-    cut_std_m3: Optional[float]
-    fill_std_m3: Optional[float]
-    budget: Sequence[BudgetItem]
-    area_m2: Optional[float]
-    surface_area_m2: Optional[float]
-    perimeter_m: Optional[float]
+    name: Name
+    volume_m3: Annotated[float, "Object: enclosed. Terrain: net = cut - fill."]
+    cut_m3: Annotated[Optional[Positive], "Above the base. Object: null."]
+    fill_m3: Annotated[Optional[Positive], "Below the base, positive. Object: null."]
+    std_m3: Annotated[Optional[Positive], "Root sum of squares of the budget."]
+    cut_std_m3: Optional[Positive]
+    fill_std_m3: Optional[Positive]
+    budget: Annotated[Sequence[BudgetItem], Length(20)]
+    area_m2: Optional[Positive]
+    surface_area_m2: Optional[Positive]
+    perimeter_m: Optional[Positive]
     min_z_m: float
     max_z_m: float
     max_height_m: float
-    coverage: Optional[float]
-    points_used: int
-    points_left_out: Mapping[str, int]
-    slice_height_m: Optional[float]
-    slices: Sequence[Slice]
+    coverage: Annotated[
+        Optional[Annotated[float, Number(0, 1)]],
+        "Share of the area's cells that points support.",
+    ]
+    points_used: Count
+    points_left_out: Annotated[Mapping[str, Count], Length(50), "Number of points by reason."]
+    slice_height_m: Annotated[Optional[Positive], "null if uneven."]
+    slices: Annotated[Sequence[Slice], Length(2000)]
     mass_t: Optional[float] = None
-    mass_std_t: Optional[float] = None
-    base: Optional[Union[str, float]] = None
-    cell_m: Optional[float] = None
-    checks: Sequence[Check] = ()
-    warnings: Sequence[str] = ()
-    bases: Sequence[AreaResult] = ()
-    relief: Optional[Relief] = None
-    solid: Optional[Solid] = None
+    mass_std_t: Optional[Positive] = None
+    base: Annotated[
+        Optional[Union[float, Annotated[str, Text(40)]]],
+        "Name of the base surface, or its elevation in metres. Object: null.",
+    ] = None
+    cell_m: Optional[Positive] = None
+    checks: Annotated[Sequence[Check], Length(20)] = ()
+    warnings: Warnings = ()
+    bases: Annotated[
+        Sequence[AreaResult],
+        Only(("base", "volume_m3", "cut_m3", "fill_m3", "std_m3")),
+        "Comparison of base surfaces.",
+    ] = ()
+    relief: Annotated[Optional[Relief], LEFT_OUT] = field(default=None, repr=False, compare=False)
+    solid: Annotated[Optional[Solid], LEFT_OUT] = field(default=None, repr=False, compare=False)
+
+    @property
+    def interval95_m3(self) -> Annotated[Optional[Interval], "volume_m3 -+ 1.96 std_m3."]:
+        """Return the ends of the 95 % interval of the volume."""
+        return interval95(self.volume_m3, self.std_m3)
+
+    @property
+    def cut_interval95_m3(self) -> Annotated[Optional[Interval], "Not below 0."]:
+        """Return the ends of the 95 % interval of the cut."""
+        return interval95(self.cut_m3, self.cut_std_m3, least=0.0)
+
+    @property
+    def fill_interval95_m3(self) -> Annotated[Optional[Interval], "Not below 0."]:
+        """Return the ends of the 95 % interval of the fill."""
+        return interval95(self.fill_m3, self.fill_std_m3, least=0.0)
 
 
 @dataclass(frozen=True)
 class AreaFailure:
     """An area that could not be measured, and the one line that says why."""
 
-    name: str
-    error: str
+    name: Name
+    error: Line
 
 
-@dataclass(frozen=True)
-class Measurement:
-    """All results of one call of :func:`quantify_client.measure`.
+@dataclass(frozen=True, repr=False)
+class Measurement(Notebook):
+    """All results of one measurement.
 
-    ``crs`` is ``EPSG:n``, WKT or None. ``provenance`` has version, options, input, started and
-    seconds. ``warnings`` concern the whole cloud; each result has its own besides. ``frame`` is the
+    Lengths, areas and volumes are in metres, unless length_unit is unknown: then in the cloud's
+    own unit. Keys that do not apply are null.
+
+    ``warnings`` concern the whole cloud; each result has its own besides. ``frame`` is the
     measuring frame (a :class:`quantify_client.crs.Frame`), for whoever draws or exports polygons.
     """
 
-    source: str
-    crs: Optional[str]
-    length_unit: str
-    shape: str
-    method: str
-    grid_scale_factor: Optional[float]
-    results: Sequence[Union[AreaResult, AreaFailure]]
-    warnings: Sequence[str]
-    provenance: Mapping[str, Any]
+    source: Annotated[str, Text(1000)]
+    crs: Annotated[Optional[Crs], "EPSG:n or WKT."]
+    length_unit: Annotated[str, Text(among=("m", "unknown"))]
+    shape: Annotated[str, Text(among=("object", "terrain"))]
+    method: Annotated[
+        str,
+        Text(40),
+        "Object: section, polar, or faces (a closed mesh). Terrain: terrain.",
+    ]
+    grid_scale_factor: Optional[Annotated[float, Number(1e-9, 1e9)]]
+    results: Annotated[Sequence[Union[AreaResult, AreaFailure]], Length(200, 1)]
+    warnings: Warnings
+    provenance: Provenance = field(compare=False)
     scale: Optional[Scaling] = None
-    frame: Optional[Any] = field(default=None, repr=False, compare=False)
+    frame: Annotated[Optional[Any], LEFT_OUT] = field(default=None, repr=False, compare=False)
 
     @property
     def complete(self) -> bool:
         """True when every area was measured."""
         return not any(isinstance(result, AreaFailure) for result in self.results)
+
+
+@dataclass(frozen=True)
+class Scaled:
+    """A cloud that was scaled: the result of :func:`quantify_client.scale`.
+
+    Lengths are in metres on the ground. Keys that do not apply are null.
+
+    ``warnings`` concern the cloud; :attr:`Scaling.warnings` concern the control.
+    """
+
+    source: str
+    scaling: Annotated[Scaling, Key("scale")]
+    out: Annotated[Optional[str], "The scaled cloud, where one was written."]
+    warnings: Warnings
+    provenance: Provenance = field(compare=False)
+    areas: Annotated[Optional[str], "The polygons moved with it, GeoJSON."] = None
+    failures: Annotated[Sequence[AreaFailure], "Polygons that could not be moved."] = ()

@@ -1,44 +1,88 @@
-"""Cut a range of heights into equal horizontal slabs, and say which slab a height is in."""
+"""Horizontal slices of a body: how many, where, and which one a height is in."""
 
 from __future__ import annotations
 
 import math
-from typing import Optional, Union
+from dataclasses import dataclass
+from typing import Any, Mapping, Optional, Tuple, Union
 
 import numpy as np
 
 from ..errors import InputError
-from ..types import FloatArray, IntArray
+from ..types import FloatArray, IntArray, Slice
 
-__all__ = ["AUTO_SLABS", "CONVERGENCE", "MAX_SLABS", "slab_count", "slab_edges", "slab_index"]
+__all__ = [
+    "CONVERGENCE",
+    "MAX_SLABS",
+    "TERRAIN_ONLY",
+    "BodyRecipe",
+    "slab_edges",
+    "slab_index",
+    "slices_of",
+]
 
 MAX_SLABS = 1_000_000
 """More slabs than any cloud can fill; a guard against a mistyped number eating all memory."""
 
-AUTO_SLABS = 50
-"""Slabs of a body when nobody says. Their number does not change the volume."""
-
 CONVERGENCE = (5, 10, 20, 50, 100, 200, 500, 1000)
 """Numbers of slabs whose plain sum of boxes the report shows."""
 
+TERRAIN_ONLY: Mapping[str, Any] = {
+    "cut_m3": None,
+    "fill_m3": None,
+    "cut_std_m3": None,
+    "fill_std_m3": None,
+    "area_m2": None,
+    "perimeter_m": None,
+    "coverage": None,
+}
+"""Fields of a result that apply to terrain only."""
 
-def slab_count(
-    height: float, slices: Union[str, int], slice_height: Optional[float], auto: int
-) -> int:
-    """Return the number of slabs that was asked for; `auto` when none was.
+#: Slabs of a body by default. Their number does not change the volume, but for the paper's
+#: method: this is its best for 100,000 points.
+_AUTO_SLABS = 50
 
-    >>> slab_count(3.0, "auto", 0.4, auto=50), slab_count(3.0, "auto", None, auto=50)
-    (8, 50)
+
+@dataclass(frozen=True)
+class BodyRecipe:
+    """How a body is to be measured; each method reads the fields that concern it.
+
+    Attributes
+    ----------
+    slices : ``"auto"`` or the number of slices.
+    slice_height : of the slices at most, metres; it decides when given.
+    hollow : hollows that would hold water, and voids, are no part of the body.
+    max_gap : widest opening in the surface to be closed, metres; None for any.
+    floor : ``"auto"``, ``"none"``, ``"plane"`` or an elevation in metres.
+    accuracy : of a mesh, standard deviation of its surface along the normal, metres; or None.
+    center_caps : of the paper's method, see `slab_edges`.
+    ground_factor : grid length / ground length at the site.
     """
-    if slice_height is not None:
-        return max(1, math.ceil(height / slice_height - 1e-9))
-    return auto if slices == "auto" else int(slices)
+
+    slices: Union[str, int] = "auto"
+    slice_height: Optional[float] = None
+    hollow: bool = False
+    max_gap: Optional[float] = None
+    floor: Union[str, float] = "auto"
+    accuracy: Optional[float] = None
+    center_caps: bool = False
+    ground_factor: float = 1.0
+
+    def slab_count(self, height: float) -> int:
+        """Return the number of slabs that was asked for, or the usual number.
+
+        >>> [BodyRecipe(*asked).slab_count(3.0) for asked in (("auto", 0.4), ("auto",), (7,))]
+        [8, 50, 7]
+        """
+        if self.slice_height is not None:
+            return max(1, math.ceil(height / self.slice_height - 1e-9))
+        return _AUTO_SLABS if self.slices == "auto" else int(self.slices)
 
 
 def slab_edges(
     lowest: float, highest: float, slabs: int, *, center_caps: bool = False
 ) -> FloatArray:
-    """Edges of equal slabs from the lowest to the highest point.
+    """Return the edges of equal slabs from the lowest to the highest point.
 
     Parameters
     ----------
@@ -89,7 +133,7 @@ def slab_edges(
 
 
 def slab_index(z: FloatArray, edges: FloatArray) -> IntArray:
-    """The slab of each height; slabs are half-open, the last one is closed.
+    """Return the slab of each height; slabs are half-open, the last one is closed.
 
     Parameters
     ----------
@@ -109,10 +153,23 @@ def slab_index(z: FloatArray, edges: FloatArray) -> IntArray:
     [0, 1, 1, 1]
     """
     last = len(edges) - 2
-    height = (edges[-1] - edges[0]) / (last + 1)
-    index = np.clip(((z - edges[0]) / height).astype(np.int64), 0, last)
-    # The quotient is rounded; the edges themselves decide which side a point on them is on.
-    index -= z < edges[index]
-    index += z >= edges[index + 1]
-    clipped: IntArray = np.clip(index, 0, last, out=index)
-    return clipped
+    return np.clip(np.searchsorted(edges, z, side="right") - 1, 0, last)
+
+
+def slices_of(
+    edges: FloatArray, volumes: FloatArray, points: IntArray, zero: float
+) -> Tuple[Slice, ...]:
+    """Return equal slices; the area of each is its mean section.
+
+    Parameters
+    ----------
+    edges : (M + 1,) float64, metres, ascending.
+    volumes : (M,) float64, cubic metres.
+    points : (M,) number of points in each.
+    zero : elevation that the edges count from, metres.
+    """
+    middles, height = 0.5 * (edges[1:] + edges[:-1]) + zero, float(edges[1] - edges[0])
+    return tuple(
+        Slice(z_m=z_m, height_m=height, area_m2=volume / height, volume_m3=volume, points=held)
+        for z_m, volume, held in zip(middles.tolist(), volumes.tolist(), points.tolist())
+    )

@@ -16,13 +16,13 @@ from ..types import FloatArray, Options, Window
 
 __all__ = ["bars_control"]
 
-#: Points within so many mean spacings of a click tell its height ...
+#: Points within this many mean spacings of a click give its height.
 _REACH = 3.0
 
-#: ... a click is where it was meant to within so many of the spacings there, but no better than ...
+#: Standard deviation of a click, in local point spacings ...
 _CLICK = 2.0
 
-#: ... a map can show: metres.
+#: ... but at least this, which is what a map can show: metres.
 _LEAST_CLICK_M = 0.02
 
 _WGS84 = "OGC:CRS84"
@@ -123,7 +123,7 @@ def _file(
             levels.append(float(np.median(heights[place])))
             spreads.append(float(np.std(heights[place])))
             xyz = [float(v) for v in places[place]] + [levels[-1] / frame.z_unit_m]
-            # The spacing here, not the cloud's mean one: half of its box may be empty.
+            # Local spacing: half of the cloud's box may be empty.
             spacing = reach * math.sqrt(math.pi / len(heights[place]))
             click_m = max(_CLICK * spacing, _LEAST_CLICK_M)
             cloud[name] = {"xyz": xyz, "accuracy": click_m / frame.unit_m}

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import base64
 import math
+import struct
+import zlib
 from dataclasses import dataclass
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 
@@ -17,9 +19,10 @@ from ..errors import CrsError
 from ..report.figures import DIVERGING
 from ..types import AreaFailure, AreaResult, FloatArray, Measurement, Relief, Slice, Solid
 from .contours import contour
-from .png import Colour, indexed_png
 
-__all__ = ["OnMap", "map_layers", "on_map"]
+__all__ = ["OnMap", "indexed_png", "map_layers", "on_map"]
+
+Colour = Tuple[int, int, int, int]
 
 LARGEST_PX = 1000
 SMALLEST_PX = 240  # a small pile's cells are drawn with several pixels each
@@ -117,11 +120,12 @@ def _picture(relief: Relief, plane: OnMap) -> Optional[Dict[str, Any]]:
     lon, lat = plane.lon_lat(*_rim(heights.shape, cell, corner))
     west, east = float(lon.min()), float(lon.max())
     south, north = float(lat.min()), float(lat.max())
-    shape = _pixels(heights.shape)
+    ny, nx = heights.shape
+    times = max(1, SMALLEST_PX // max(ny, nx))  # of each cell: a small pile has few
+    shape = ny * times, nx * times
     x, y = _places(plane, (west, east), (south, north), shape)
     column = np.floor((x - corner[0]) / cell).astype(np.int64)
     row = np.floor((y - corner[1]) / cell).astype(np.int64)
-    ny, nx = heights.shape
     hit = (row >= 0) & (row < ny) & (column >= 0) & (column < nx)
     value = np.where(hit, heights[np.clip(row, 0, ny - 1), np.clip(column, 0, nx - 1)], np.nan)
     known = np.isfinite(value)
@@ -143,7 +147,7 @@ def _cropped(
     """Return the heights within the area's box, averaged until a picture can hold them."""
     rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
     box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-    # Cells that are mostly outside are not shown, unless the area is so narrow that it has others.
+    # Hide cells that are mostly outside, unless the area is so narrow that it has no others.
     shown = inside & (relief.fraction >= min(0.5, float(relief.fraction.max())))
     heights = np.where(shown, relief.above_base_m, np.nan)[box]
     factor = max(1, -(-max(heights.shape) // LARGEST_PX))
@@ -176,13 +180,6 @@ def _rim(
     across = np.concatenate([along, along, none, all_])
     up = np.concatenate([none, all_, along, along])
     return corner[0] + across * shape[1] * cell, corner[1] + up * shape[0] * cell
-
-
-def _pixels(shape: Tuple[int, ...]) -> Tuple[int, int]:
-    """Return rows and columns of the picture: whole multiples of the cells."""
-    longer = max(shape)
-    times = max(1, SMALLEST_PX // longer)
-    return shape[0] * times, shape[1] * times
 
 
 def _places(
@@ -301,9 +298,9 @@ def _longest(lines: List[List[Any]]) -> List[List[Any]]:
 
 
 def _simplified(lines: List[Any], tolerance: float) -> List[Any]:
-    """Return the lines with few enough vertices.
+    """Return the lines simplified until all together have few enough vertices.
 
-    Each for itself, so that there is an end to it: at some tolerance none has more than three.
+    Without keeping topology this ends: at some tolerance no line has more than three vertices.
     """
     simple = shapely.simplify(lines, tolerance, preserve_topology=False)
     while shapely.get_num_coordinates(simple).sum() > MOST_VERTICES:
@@ -320,3 +317,34 @@ def _degrees(line: Any, plane: OnMap) -> List[List[float]]:
 
 def _collection(features: List[Dict[str, Any]]) -> Dict[str, Any]:
     return {"type": "FeatureCollection", "features": features}
+
+
+def indexed_png(indices: npt.NDArray[np.uint8], palette: Sequence[Colour]) -> bytes:
+    """Return the PNG of a picture.
+
+    Parameters
+    ----------
+    indices : (rows, columns) uint8 into the palette, the top row first.
+    palette : red, green, blue and alpha of each index, 0 to 255.
+    """
+    rows, columns = indices.shape
+    header = struct.pack(">IIBBBBB", columns, rows, 8, 3, 0, 0, 0)
+    colours = bytes(value for colour in palette for value in colour[:3])
+    alpha = bytes(colour[3] for colour in palette)
+    # Each row begins with the number of its filter: none.
+    lines = np.pad(indices, ((0, 0), (1, 0)))
+    return b"".join(
+        [
+            b"\x89PNG\r\n\x1a\n",
+            _chunk(b"IHDR", header),
+            _chunk(b"PLTE", colours),
+            _chunk(b"tRNS", alpha),
+            _chunk(b"IDAT", zlib.compress(lines.tobytes(), 9)),
+            _chunk(b"IEND", b""),
+        ]
+    )
+
+
+def _chunk(kind: bytes, data: bytes) -> bytes:
+    body = kind + data
+    return struct.pack(">I", len(data)) + body + struct.pack(">I", zlib.crc32(body))

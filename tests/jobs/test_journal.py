@@ -7,7 +7,8 @@ from uuid import uuid4
 import pytest
 
 from quantify_client.errors import OutputError
-from quantify_client.jobs.journal import Job, SentLog, load, save
+from quantify_client.jobs.job import Job
+from quantify_client.jobs.journal import SentLog, load, save
 
 JOB = Job("http://host", "n", {"dsm": True}, (), ())
 

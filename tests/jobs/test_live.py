@@ -24,7 +24,8 @@ from photographs import all_zip, photographs
 from quantify_client.errors import JobError, ServerError
 from quantify_client.jobs import Pace, cancel_job, create_job, plan_job, run_job
 from quantify_client.jobs.journal import load
-from quantify_client.sfm.servers.nodeodm import Node, TaskLostError, TaskStatus
+from quantify_client.sfm.servers.errors import TaskLostError
+from quantify_client.sfm.servers.nodeodm import NodeClient, TaskStatus
 
 URL, TOKEN = os.environ.get("NODEODM_URL"), os.environ.get("NODEODM_TOKEN")
 PACE = Pace(poll_s=0.2 if URL else 0.02, pause_s=0.3 if URL else 0.01, silence_s=10.0)
@@ -66,7 +67,7 @@ def run(line, images, tmp_path):
 
 def _require_complete(folder, path):
     job = load(folder)
-    node = Node(job.url, TOKEN)
+    node = NodeClient(job.url, TOKEN)
     assert node.task(job.uuid).images == job.images
     with zipfile.ZipFile(path) as archive:
         assert archive.testzip() is None
@@ -161,7 +162,7 @@ def test_cancel(line, images, tmp_path):
         run_job(tmp_path / "job", TOKEN, report=enough, pace=PACE)
     assert "cancelled" in cancel_job(tmp_path / "job", TOKEN)
     job = load(tmp_path / "job")
-    assert Node(job.url, TOKEN).task(job.uuid).status == TaskStatus.CANCELED
+    assert NodeClient(job.url, TOKEN).task(job.uuid).status == TaskStatus.CANCELED
     with pytest.raises(JobError, match="was cancelled"):
         run_job(tmp_path / "job", TOKEN, pace=PACE)
 
@@ -169,7 +170,7 @@ def test_cancel(line, images, tmp_path):
 def test_task_that_is_gone(line, images, tmp_path, run):
     path = run()
     job = load(tmp_path / "job")
-    node = Node(job.url, TOKEN)
+    node = NodeClient(job.url, TOKEN)
     node.remove(job.uuid)
     with pytest.raises(TaskLostError):
         node.task(job.uuid)
@@ -181,13 +182,13 @@ def test_task_that_is_gone(line, images, tmp_path, run):
 
 def test_uuid_that_the_server_does_not_know(line):
     with pytest.raises(TaskLostError):
-        Node(line.url, TOKEN).task(str(uuid.uuid4()))
+        NodeClient(line.url, TOKEN).task(str(uuid.uuid4()))
 
 
 @pytest.mark.skipif(not TOKEN, reason="needs a server with a token")
 def test_wrong_token(line):
     with pytest.raises(ServerError, match="QUANTIFY_NODE_TOKEN") as caught:
-        Node(line.url, TOKEN + "x").info()
+        NodeClient(line.url, TOKEN + "x").info()
     assert TOKEN not in str(caught.value)
 
 

@@ -19,7 +19,7 @@ from quantify_client.commands.kept import kept_options
 from quantify_client.errors import JobError, ServerError
 from quantify_client.jobs import Confirmed, cancel_job, create_job, plan_job, run_job
 from quantify_client.jobs.journal import load
-from quantify_client.jobs.own import is_own, records_folder
+from quantify_client.jobs.trust import is_own, records_folder
 from quantify_client.sfm.servers.access import Access
 
 # Servers, sizes and words: no different on a second Python.

@@ -4,11 +4,11 @@ import os
 
 import pytest
 from photographs import photographs
+from requests_toolbelt import MultipartEncoder
 
 from quantify_client.errors import JobError, ServerError
 from quantify_client.jobs import upload
 from quantify_client.jobs.journal import SentLog, load
-from quantify_client.sfm.servers import multipart
 
 # Servers, sizes and words: no different on a second Python.
 pytestmark = pytest.mark.one_python
@@ -174,17 +174,17 @@ def test_cluster_without_a_node_at_commit_starts_again(job):
 def test_photograph_that_changes_while_it_is_sent_does_not_count_as_sent(job, monkeypatch):
     path = job.images[3]
     before, status = path.read_bytes(), path.stat()
-    read = multipart._read
+    read = MultipartEncoder.read
 
-    def changing(file, of, count):
-        if of == path and path.read_bytes() == before:
+    def changing(self, count):
+        if self.fields["images"][0] == path.name and path.read_bytes() == before:
             path.write_bytes(before[:-1] + b"x")  # the size stays
             os.utime(path, ns=(1, 1))
-        return read(file, of, count)
+        return read(self, count)
 
     job.create()
     with monkeypatch.context() as patch:
-        patch.setattr(multipart, "_read", changing)
+        patch.setattr(MultipartEncoder, "read", changing)
         with pytest.raises(JobError, match="IMG_0003.JPG: changed while it was sent"):
             job.run()
     with SentLog(job.folder, 1) as log:

@@ -15,11 +15,10 @@ import pytest
 from line import BadLine
 from photographs import photographs
 
-from quantify_client import measure
+from quantify_client import describe, measure
 from quantify_client.errors import JobError
 from quantify_client.jobs import Pace, cancel_job, create_job, plan_job, run_job
 from quantify_client.jobs.journal import load
-from quantify_client.pipeline import describe
 from quantify_client.sfm.servers.access import Access
 from quantify_client.sfm.servers.webodm import WebODM as WebODMServer
 

@@ -53,7 +53,7 @@ def stuck(path, package):
     module = types.ModuleType("volcalc_stuck")
     module.__path__ = [package, os.path.dirname(package)]
     sys.modules["volcalc_stuck"] = module
-    stop = importlib.import_module("volcalc_stuck.stopping").stop_process
+    stop = importlib.import_module("volcalc_stuck.worker.stopping").stop_process
     threading.Timer(0.5, stop).start()
     open(path, "w").write(str(os.getpid()))
     while True:
@@ -105,12 +105,12 @@ def site(tmp_path_factory):
     os.environ["WO_BROKER"] = f"redis://127.0.0.1:{redis.port}"
     sys.path.insert(0, str(root))
     package = types.ModuleType("volcalc_queue")
-    package.__path__ = [str(PLUGIN)]
+    package.__path__ = [str(PLUGIN), str(PLUGIN.parent)]
     sys.modules["volcalc_queue"] = package
     yield types.SimpleNamespace(
         root=root,
         redis=redis,
-        broker=importlib.import_module("volcalc_queue.broker"),
+        broker=importlib.import_module("volcalc_queue.web.broker"),
         functions=importlib.import_module("fn"),
     )
     sys.path.remove(str(root))

@@ -14,8 +14,7 @@ from quantify_client import measure
 from quantify_client.types import AreaFailure, Slice
 from quantify_client.webmap import layers
 from quantify_client.webmap.contours import contour
-from quantify_client.webmap.layers import map_layers, on_map
-from quantify_client.webmap.png import indexed_png
+from quantify_client.webmap.layers import indexed_png, map_layers, on_map
 
 
 def pixels(png):

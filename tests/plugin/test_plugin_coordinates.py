@@ -20,9 +20,9 @@ UTM = "EPSG:32615"
 def checks():
     """The plugin's own check, without WebODM."""
     package = types.ModuleType("volcalc_crs")
-    package.__path__ = [str(PLUGIN)]
+    package.__path__ = [str(PLUGIN), str(PLUGIN.parent)]
     sys.modules["volcalc_crs"] = package
-    yield importlib.import_module("volcalc_crs.checks")
+    yield importlib.import_module("volcalc_crs.web.checks")
     for name in [name for name in sys.modules if name.startswith("volcalc_crs")]:
         del sys.modules[name]
 

@@ -27,9 +27,9 @@ VALUES = [
 def documents():
     """The plugin's module, without WebODM."""
     package = types.ModuleType("volcalc_alone")
-    package.__path__ = [str(PLUGIN)]
+    package.__path__ = [str(PLUGIN), str(PLUGIN.parent)]
     sys.modules["volcalc_alone"] = package
-    yield importlib.import_module("volcalc_alone.documents")
+    yield importlib.import_module("volcalc_alone.files.documents")
     for name in [name for name in sys.modules if name.startswith("volcalc_alone")]:
         del sys.modules[name]
 
@@ -37,7 +37,7 @@ def documents():
 @pytest.fixture(scope="module")
 def entries(documents):
     """The plugin's module of what lists tell."""
-    return importlib.import_module("volcalc_alone.entries")
+    return importlib.import_module("volcalc_alone.files.entries")
 
 
 CONTROL = """
@@ -57,7 +57,7 @@ def document(pytestconfig, tmp_path_factory):
     control.write_text(CONTROL)
     found = measure(cloud, area=ROUND, base="compare", gcp=control, scale_mode="scale", slices=6)
     made = {
-        "schema": "volcalc-measurement/1",
+        "schema": "volcalc-measurement/2",
         "id": "0" * 32,
         "name": "Pile 1",
         "date": "2024-05-01T10:00:00Z",
@@ -141,7 +141,7 @@ def test_file_of_an_older_version_is_read_once_until_it_is_another(
     with pytest.raises(documents.MisshapenError):
         entries.entry_of(path, document["id"], budget)
     path.unlink()
-    with pytest.raises(importlib.import_module("volcalc_alone.store").UnreadableError):
+    with pytest.raises(importlib.import_module("volcalc_alone.files.store").UnreadableError):
         entries.entry_of(path, document["id"], budget)
 
 

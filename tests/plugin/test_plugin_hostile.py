@@ -44,10 +44,15 @@ def test_document_is_rebuilt_from_what_it_may_hold(host, planted):
         document["surprise"] = EVIL
         document["task"], document["project"] = "another", 99
         result_of(document)["surprise"] = EVIL
+        result_of(document)["Surprise!"] = "no name of ours"
+        result_of(document)["too_large"] = "x" * 2001
 
     found = host.viewer.get(planted(change)).json
     assert found["user"] is None
-    assert "surprise" not in json.dumps(found)
+    assert "admin" not in json.dumps(found)
+    # A newer version may have written these: they are texts and nothing else.
+    assert found["surprise"] == result_of(found)["surprise"] == EVIL
+    assert not {"Surprise!", "too_large"} & {*found, *result_of(found)}
     assert (found["task"], found["project"]) == (
         host.tasks["Beach LAZ"],
         host.projects["Beach LAZ"],
@@ -99,7 +104,7 @@ JPEG = base64.b64encode(b"\xff\xd8\xff\xe0").decode()
 @pytest.mark.parametrize(
     "change",
     [
-        broken(("schema",), "volcalc-measurement/2"),
+        broken(("schema",), "volcalc-measurement/3"),
         broken(("id",), "f" * 32),
         broken(("id",), "../../../etc/passwd"),
         broken(("name",), "x" * 201),
@@ -109,10 +114,16 @@ JPEG = base64.b64encode(b"\xff\xd8\xff\xe0").decode()
         broken(("area",), {"type": "Polygon", "coordinates": [[[0, 0], [1, 1e9], [2, 2]]]}),
         broken(("options",), {"x": {"y": 1}}),
         broken(("measurement",), None),
-        broken(("measurement", "schema"), "quantify-client/2"),
+        broken(("measurement", "schema"), "quantify-client/3"),
         broken(("measurement", "results"), []),
         broken(("measurement", "results"), [{}]),
         broken(("measurement", "warnings"), [{"a": 1}]),
+        broken(("measurement", "warnings"), [{"code": "a", "text": 1, "values": {}}]),
+        broken(("measurement", "warnings"), [{"code": "a", "text": "b", "values": [1]}]),
+        broken(("measurement", "warnings"), [{"code": "a" * 81, "text": "b", "values": {}}]),
+        broken(("measurement", "warnings"), ["x" * 2001]),
+        broken(("measurement", "warnings"), ["x"] * 501),
+        broken((*RESULT, "checks"), [{"method": "a", "volume_m3": 1.0, "margin_m3": -1.0}]),
         broken(("measurement", "provenance"), {}),
         broken((*RESULT, "volume_m3"), "1"),
         broken((*RESULT, "volume_m3"), 10**400),

@@ -1,6 +1,7 @@
 """Jobs: the function as WebODM runs it, workers that die, cancelling, limits."""
 
 import ast
+import contextlib
 import copy
 import importlib
 import json
@@ -20,9 +21,9 @@ PLUGIN = Path(__file__).parents[2] / "plugin"
 def folders():
     """The plugin's modules of files, which need nothing of WebODM."""
     package = types.ModuleType("volcalc_folders")
-    package.__path__ = [str(PLUGIN)]
+    package.__path__ = [str(PLUGIN), str(PLUGIN.parent)]
     sys.modules["volcalc_folders"] = package
-    yield importlib.import_module("volcalc_folders.folders")
+    yield importlib.import_module("volcalc_folders.files.folders")
     for name in [name for name in sys.modules if name.startswith("volcalc_folders")]:
         del sys.modules[name]
 
@@ -41,7 +42,7 @@ def everything(tasks):
 
 def test_module_of_the_function_holds_nothing_else():
     """WebODM runs its text in an empty namespace: no helper, decorator or annotation can count."""
-    tree = ast.parse((PLUGIN / "job.py").read_text())
+    tree = ast.parse((PLUGIN / "worker" / "job.py").read_text())
     (function,) = (node for node in tree.body if not isinstance(node, ast.Expr))
     assert isinstance(function, ast.FunctionDef)
     assert function.decorator_list == []
@@ -51,7 +52,7 @@ def test_module_of_the_function_holds_nothing_else():
 
 def test_function_never_raises_and_returns_a_reference(tmp_path, monkeypatch):
     namespace = {}
-    exec(compile((PLUGIN / "job.py").read_text(), "file", "exec"), namespace)  # noqa: S102
+    exec(compile((PLUGIN / "worker" / "job.py").read_text(), "file", "exec"), namespace)  # noqa: S102
     monkeypatch.setitem(sys.modules, "app.plugins.functions", None)  # an import that fails
     (tmp_path / "j").mkdir()
     (tmp_path / "j" / "state.json").write_text('{"state": "queued", "filler": "' + "x" * 999 + '"}')
@@ -64,6 +65,24 @@ def test_function_never_raises_and_returns_a_reference(tmp_path, monkeypatch):
     (tmp_path / "j" / "state.json").write_text("as it was")
     assert namespace["run_job"]("plugins.volcalc", str(tmp_path), "j")["output"]  # once more
     assert (tmp_path / "j" / "state.json").read_text() == "as it was"
+
+
+def test_job_queued_before_the_plugin_had_rooms_fails_in_words(folders, tmp_path, monkeypatch):
+    """The queue holds its text, which asks for a module that an upgrade has taken away."""
+    folder = new_job(folders, tmp_path)
+    functions = types.ModuleType("app.plugins.functions")
+    loaded = types.SimpleNamespace(python_imports=contextlib.nullcontext)
+    functions.get_plugin_by_name = lambda *_, **__: loaded
+    for name in ("app", "app.plugins"):
+        monkeypatch.setitem(sys.modules, name, types.ModuleType(name))
+    monkeypatch.setitem(sys.modules, "app.plugins.functions", functions)
+    namespace = {}
+    text = (Path(__file__).parent / "job-before-rooms.txt").read_text()
+    exec(compile(text, "file", "exec"), namespace)  # noqa: S102
+    assert namespace["run_job"]("volcalc_folders", str(tmp_path), folder.job)["output"]
+    told = folder.state()
+    assert told["state"] == "failed"
+    assert "the worker lacks volcalc_folders.work: restart WebODM" in told["error"]
 
 
 def test_states_follow_heartbeat_and_markers(folders, tmp_path):
@@ -147,7 +166,7 @@ def test_folder_of_a_job_appears_complete_or_not_at_all(folders, tmp_path, monke
 
 
 def test_link_among_the_saved_is_not_followed(folders, tmp_path):
-    store = sys.modules["volcalc_folders.store"]
+    store = sys.modules["volcalc_folders.files.store"]
     secret = tmp_path / "secret"
     secret.write_text("x")
     (tmp_path / "link").symlink_to(secret)
@@ -254,7 +273,7 @@ def test_result_that_is_too_large_to_keep_says_so(host, monkeypatch):
     monkeypatch.setitem(sys.modules, "volcalc_work", package)
     for name in [name for name in sys.modules if name.startswith("volcalc_work.")]:
         monkeypatch.delitem(sys.modules, name)
-    work = importlib.import_module("volcalc_work.work")
+    work = importlib.import_module("volcalc_work.worker.work")
     row = {"slices": [{"z_m": 0.123456789}] * 100}
     document = {"layers": [{"name": "a"}] * 2, "measurement": {"results": [row], "warnings": []}}
     size = len(json.dumps(document)) + 300
@@ -263,7 +282,7 @@ def test_result_that_is_too_large_to_keep_says_so(host, monkeypatch):
     document["layers"][0]["outlines"] = "x" * size
     less = work.sized(copy.deepcopy(document))
     assert less["layers"] == []
-    assert "fewer areas" in less["measurement"]["warnings"][0]
+    assert "fewer areas" in less["measurement"]["warnings"][0]["text"]
     document["measurement"]["results"] *= 3
     with pytest.raises(work.QuantifyError, match="fewer"):
         work.sized(document)

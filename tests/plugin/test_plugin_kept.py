@@ -187,7 +187,7 @@ def work(monkeypatch):
     package = types.ModuleType("volcalc_full")
     package.__path__ = [str(PLUGIN), str(PLUGIN.parent)]
     monkeypatch.setitem(sys.modules, "volcalc_full", package)
-    yield importlib.import_module("volcalc_full.work")
+    yield importlib.import_module("volcalc_full.worker.work")
     for name in [name for name in sys.modules if name.startswith("volcalc_full.")]:
         del sys.modules[name]
 
@@ -197,7 +197,7 @@ def full_disk(*_, **__):
 
 
 def test_job_on_a_full_disk_says_so(work, tmp_path, monkeypatch):
-    folders = sys.modules["volcalc_full.folders"]
+    folders = sys.modules["volcalc_full.files.folders"]
     about = {"task": "t", "user": 1, "user_name": "u", "name": "pile", "assets": str(tmp_path)}
     folder = folders.new_job(tmp_path, about, {"sources": {}, **about})
     for module in (work, folders):
@@ -210,7 +210,7 @@ def test_job_on_a_full_disk_says_so(work, tmp_path, monkeypatch):
 
 
 def test_function_of_the_worker_says_that_the_disk_is_full(work, tmp_path, monkeypatch):
-    folders = sys.modules["volcalc_full.folders"]
+    folders = sys.modules["volcalc_full.files.folders"]
     about = {"task": "t", "user": 1, "user_name": "u", "name": "pile", "assets": str(tmp_path)}
     folder = folders.new_job(tmp_path, about, {})
     functions = types.ModuleType("app.plugins.functions")
@@ -219,7 +219,7 @@ def test_function_of_the_worker_says_that_the_disk_is_full(work, tmp_path, monke
         monkeypatch.setitem(sys.modules, name, types.ModuleType(name))
     monkeypatch.setitem(sys.modules, "app.plugins.functions", functions)
     namespace = {}
-    exec(compile((PLUGIN / "job.py").read_text(), "file", "exec"), namespace)  # noqa: S102
+    exec(compile((PLUGIN / "worker" / "job.py").read_text(), "file", "exec"), namespace)  # noqa: S102
     namespace["run_job"]("plugins.volcalc", str(tmp_path), folder.job)
     told = folder.state()
     assert told["state"] == "failed"
@@ -228,13 +228,13 @@ def test_function_of_the_worker_says_that_the_disk_is_full(work, tmp_path, monke
 
 
 def test_cancelled_job_ends_its_process_where_it_hears_nothing(work, tmp_path, monkeypatch):
-    folders = sys.modules["volcalc_full.folders"]
+    folders = sys.modules["volcalc_full.files.folders"]
     about = {"task": "t", "user": 1, "user_name": "u", "name": "pile", "assets": str(tmp_path)}
     folder = folders.new_job(tmp_path, about, {})
     ended = []
     monkeypatch.setattr(work, "_PATIENCE_S", 0.5)
     monkeypatch.setattr(work, "_LOOK_S", 0.05)
-    stopping = sys.modules["volcalc_full.stopping"]
+    stopping = sys.modules["volcalc_full.worker.stopping"]
     monkeypatch.setattr(stopping.os, "kill", lambda *how: ended.append(how))
     pool = types.ModuleType("billiard.process")
     monkeypatch.setitem(sys.modules, "billiard.process", pool)

@@ -87,7 +87,13 @@ def test_zip_has_one_folder_with_what_webodm_needs_and_no_sources_of_the_panel(a
     assert archive.name == "volcalc.zip"
     assert {name.partition("/")[0] for name in found} == {"volcalc"}
     inner = {name.partition("/")[2] for name in found}
-    assert inner >= {"__init__.py", "plugin.py", "manifest.json", "requirements.txt", "job.py"}
+    assert inner >= {
+        "__init__.py",
+        "plugin.py",
+        "manifest.json",
+        "requirements.txt",
+        "worker/job.py",
+    }
     assert inner >= {"quantify_client/pipeline/run.py", "quantify_client/report/page/report.css"}
     bad = re.compile(r"(^|/)(panel|node_modules|__pycache__|demo|tests|\.[^/]*)(/|$)|\.laz$")
     assert [name for name in inner if bad.search(name)] == []
@@ -119,7 +125,7 @@ def test_the_version_that_an_administrator_sees_names_the_build(archive, monkeyp
     shutil.copy(manifest, copy)
     monkeypatch.setattr(plugin_build, "_sources", lambda: (copy / manifest.name, copy / "plugin"))
     assert manifest_of(build_plugin(tmp_path))["version"] == shown
-    with (copy / "plugin" / "store.py").open("a") as file:
+    with (copy / "plugin" / "files" / "store.py").open("a") as file:
         file.write("\n")
     assert manifest_of(build_plugin(tmp_path))["version"] != shown
 
@@ -145,36 +151,53 @@ def test_requirements_are_spelt_as_pip_freeze_spells_them():
 
 def test_nothing_but_webodms_own_is_imported_when_the_plugin_loads():
     """The requirements are installed after that, and else never."""
-    seen, waiting = set(), ["__init__"]
+    seen, waiting = set(), [("plugin",)]
     while waiting:
-        name = waiting.pop()
-        seen.add(name)
-        tree = ast.parse((ROOT / "plugin" / f"{name}.py").read_text())
-        for node in tree.body:  # at the top of the module, not within functions
+        package = waiting.pop()
+        path = ROOT.joinpath(*package)
+        inside = package if path.is_dir() else package[:-1]
+        path = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+        if package in seen or not path.is_file():
+            continue  # known already, or a name in a module
+        seen.add(package)
+        for node in ast.parse(path.read_text()).body:  # at the top, not within functions
+            roots = set()
             if isinstance(node, ast.Import):
                 roots = {alias.name.partition(".")[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and node.level:
-                inner = [node.module] if node.module else [alias.name for alias in node.names]
-                waiting += [module for module in inner if module not in seen]
-                continue
+                there = inside[: len(inside) - node.level + 1]
+                there += tuple(node.module.split(".")) if node.module else ()
+                if "quantify_client" in there:  # beside the plugin here, inside it in the zip
+                    there = there[there.index("quantify_client") :]
+                waiting += [there[:place] for place in range(1, len(there) + 1)]
+                waiting += [(*there, alias.name) for alias in node.names]
             elif isinstance(node, ast.ImportFrom):
                 roots = {node.module.partition(".")[0]}
-            else:
-                continue
-            standard = (
-                {"__future__", *sys.stdlib_module_names}
-                if hasattr(sys, "stdlib_module_names")
-                else STANDARD
-            )
-            assert roots <= WEBODM | set(standard), name
-    assert seen >= {"__init__", "plugin", "api", "starting", "job"}
-    assert not any(name.startswith("quantify_client") or name == "work" for name in seen)
+            assert roots <= WEBODM | STANDARD, package
+    assert seen >= {("plugin", "web", "starting"), ("plugin", "worker", "job")}
+    library = {package[1] for package in seen if package[0] == "quantify_client" and package[1:]}
+    assert library <= {"types", "errors", "options"}
+    assert ("plugin", "worker", "work") not in seen
 
 
-STANDARD = {
-    *("base64", "binascii", "contextlib", "copy", "datetime", "errno", "fcntl", "functools", "gc"),
+STANDARD = getattr(sys, "stdlib_module_names", frozenset()) | {
+    "__future__",
+    *(
+        "base64",
+        "binascii",
+        "contextlib",
+        "copy",
+        "dataclasses",
+        "datetime",
+        "errno",
+        "fcntl",
+        "functools",
+        "gc",
+        "html",
+        "numbers",
+    ),
     *("hashlib", "importlib", "inspect", "itertools", "json", "logging", "math", "os", "pathlib"),
-    *("re", "shutil", "stat", "time", "unicodedata", "uuid"),
+    *("re", "shutil", "stat", "sys", "time", "typing", "unicodedata", "uuid"),
 }
 
 
@@ -191,7 +214,7 @@ def test_measuring_and_its_layers_need_no_drawing_terminal_or_server_packages(un
     cloud = ROOT / "quantify_client" / "demo" / "brighton_beach.laz"
     areas = ROOT / "quantify_client" / "demo" / "areas.geojson"
     code = (
-        "from plugins.volcalc.quantify_client.pipeline import measure\n"
+        "from plugins.volcalc.quantify_client import measure\n"
         "from plugins.volcalc.quantify_client.webmap import clicked\n"
         "from plugins.volcalc.quantify_client.report.document.measurement import to_json\n"
         "from plugins.volcalc.quantify_client.webmap.layers import map_layers\n"

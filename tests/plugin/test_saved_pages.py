@@ -12,8 +12,8 @@ from quantify_client import measure, to_json
 from quantify_client.crs import geometry_to_wgs84
 from quantify_client.errors import InputError
 from quantify_client.report.document.geojson import to_geojson
+from quantify_client.report.document.measurement import scale_json
 from quantify_client.report.document.saved import exported, file_name, saved_measurement
-from quantify_client.report.document.scaling import scale_json
 from quantify_client.report.document.slices_csv import write_slices
 from quantify_client.webmap.clicked import bars_control
 from quantify_client.webmap.layers import map_layers
@@ -21,7 +21,7 @@ from quantify_client.webmap.layers import map_layers
 
 def document_of(measurement, area=None, **more):
     document = {
-        "schema": "volcalc-measurement/1",
+        "schema": "volcalc-measurement/2",
         "id": "0" * 32,
         "name": "Pile 1",
         "date": "2024-05-01T10:00:00Z",

@@ -25,7 +25,7 @@ def observation(
     component: Optional[str] = None,
     observed: float = 0.0,
     redundancy: Optional[float] = 0.7,
-    carries: Optional[float] = 0.02,
+    contribution: Optional[float] = 0.02,
     **changes: Any,
 ) -> ScaleObservation:
     adjusted = observed + residual
@@ -38,7 +38,7 @@ def observation(
         residual,
         sigma,
         redundancy,
-        carries,
+        contribution,
         **changes,
     )
 
@@ -65,13 +65,15 @@ def scaling(**changes: Any) -> Scaling:
 
 def least() -> Scaling:
     """One scale bar between two points of the cloud: nothing controls it."""
-    bar = observation("scale_bar", "PQ", 0.0, 0.001, observed=2.0, redundancy=0.0, carries=1.0)
+    bar = observation("scale_bar", "PQ", 0.0, 0.001, observed=2.0, redundancy=0.0, contribution=1.0)
     return scaling(observations=(bar,))
 
 
 def positions(at: Places, gps: float, random: np.random.Generator) -> List[ScaleObservation]:
     return [
-        observation("gps", (name,), random.normal(0, gps), gps, component=component, carries=0.001)
+        observation(
+            "gps", (name,), random.normal(0, gps), gps, component=component, contribution=0.001
+        )
         for name in at
         for component in ("east", "north")
     ]
@@ -89,7 +91,7 @@ def picks(at: Places, sigma: float, random: np.random.Generator) -> List[ScaleOb
 
 def tape(at: Places, names: str, random: np.random.Generator, **changes: Any) -> ScaleObservation:
     length = math.dist(at[names[0]], at[names[-1]])
-    known = {"observed": length, "carries": length**2 / 40_000}
+    known = {"observed": length, "contribution": length**2 / 40_000}
     known.update(changes)
     return observation(
         "distance", names, known.pop("residual", random.normal(0, 0.005)), 0.005, **known
@@ -137,12 +139,12 @@ def everything(gps: float = 0.03, name: str = "A") -> Scaling:
     observed += picks(at, 0.012, random)
     observed += [tape(at, names, random) for names in "AB BC CD DE EF FG GH HA BP PF PD".split()]
     observed += [
-        tape(at, "AC", random, residual=0.31, outlier=True, redundancy=None, carries=None),
-        tape(at, "GP", random, residual=-0.012, check=True, redundancy=None, carries=None),
-        observation("scale_bar", "PE", 0.0008, 0.001, observed=36.7, carries=0.31),
-        observation("elevation", "B", 0.011, 0.02, observed=331.9, carries=0.0),
-        observation("elevation", "D", -0.052, 0.02, observed=336.0, carries=0.0),
-        observation("elevation", "H", 0.0, 0.02, observed=329.0, redundancy=0.0, carries=0.0),
+        tape(at, "AC", random, residual=0.31, outlier=True, redundancy=None, contribution=None),
+        tape(at, "GP", random, residual=-0.012, check=True, redundancy=None, contribution=None),
+        observation("scale_bar", "PE", 0.0008, 0.001, observed=36.7, contribution=0.31),
+        observation("elevation", "B", 0.011, 0.02, observed=331.9, contribution=0.0),
+        observation("elevation", "D", -0.052, 0.02, observed=336.0, contribution=0.0),
+        observation("elevation", "H", 0.0, 0.02, observed=329.0, redundancy=0.0, contribution=0.0),
     ]
     renamed = [
         ScaleObservation(**{**vars(o), "names": tuple(name if n == "A" else n for n in o.names)})
@@ -182,7 +184,7 @@ def crowd(count: int = 100, spread: Tuple[float, float] = (180.0, 120.0)) -> Sca
     for i in (0, 1):  # one position is 13 m off, and was left out
         observed[i] = observation(
             "gps", (names[0],), 9.0, 1.5, component=observed[i].component, redundancy=None,
-            carries=None, outlier=True,
+            contribution=None, outlier=True,
         )  # fmt: skip
     for pair in zip(names, names[1:]):
         length = math.dist(at[pair[0]], at[pair[1]])
@@ -215,7 +217,7 @@ def unplaced() -> Scaling:
     at: Places = {"P": (0.0, 0.0, 0.0), "Q": (2.0, 0.1, 0.0), "R": (1.1, 1.6, 0.2)}
     observed = picks(at, 0.002, random)
     observed += [
-        observation("scale_bar", pair, 0.0006, 0.001, observed=2.0, carries=0.4)
+        observation("scale_bar", pair, 0.0006, 0.001, observed=2.0, contribution=0.4)
         for pair in ("PQ", "QR")
     ]
     return scaling(observations=observed, points=controlled(at, observed, tied=False))

@@ -20,7 +20,7 @@ from quantify_client.types import Floor, Gap
 
 from . import bodies, surveys
 from .bodies import plain, solid_of, with_solid
-from .test_documents import valid
+from .schemas import valid
 from .test_reading import page, printed
 
 
@@ -138,7 +138,7 @@ def test_narrow_terminals_show_every_number_of_a_body(width: int) -> None:
 
 def test_the_document_of_a_body_follows_the_schema_and_holds_no_solid() -> None:
     document = to_json(bodies.measurement(bodies.ball(), bodies.torus()))
-    valid(document)
+    valid(document, "schema.json")
     assert document["method"] == "section"
     row = document["results"][0]
     assert "solid" not in row

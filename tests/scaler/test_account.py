@@ -14,14 +14,12 @@ from quantify_client.scaler.adjustment.fit import fit
 from quantify_client.scaler.adjustment.network import Freedom, Network
 from quantify_client.scaler.adjustment.outliers import adjust
 from quantify_client.scaler.adjustment.solve import Adjustment
-from quantify_client.scaler.adjustment.start import starts
 from quantify_client.scaler.adjustment.summary import (
-    carried_by,
-    conflict,
-    judgements,
+    findings,
     observations,
-    point_std,
     root_mean_square,
+    scale_source,
+    worst_conflict,
 )
 from quantify_client.types import ScaleObservation
 
@@ -29,7 +27,7 @@ PLACES = {"A": (0.0, 0.0), "B": (10.0, 0.0)}
 
 
 def adjusted(network: Network, freedom: Freedom) -> Adjustment:
-    return adjust(network, freedom, starts(network, freedom))
+    return adjust(network, freedom)
 
 
 def taped(*lengths: float) -> Adjustment:
@@ -41,8 +39,8 @@ def taped(*lengths: float) -> Adjustment:
 def test_bad_tape_is_told_in_metres_and_sigmas() -> None:
     """0.31 m from the mean of two others: 0.31 / sqrt(5^2 + 5^2 / 2) mm = 50.6 sigma."""
     found = taped(10.0, 10.31, 10.0)
-    assert conflict(found) == "tape A-B disagrees with the rest by 0.310 m, 50.6 sigma"
-    assert judgements(found) == [
+    assert worst_conflict(found) == "tape A-B disagrees with the rest by 0.310 m, 50.6 sigma"
+    assert findings(found) == [
         "tape A-B disagrees with the rest by 0.31 m, 51 sigma, and was left out; measure it again"
     ]
     assert [r.outlier for r in observations(found) if r.kind == "distance"] == [False, True, False]
@@ -52,17 +50,19 @@ def test_two_that_disagree_are_both_told() -> None:
     """Each is 0.31 m from the other: 0.31 / sqrt(5^2 + 5^2) mm = 43.8 sigma of what was said."""
     found = taped(10.0, 10.31)
     # (the positions, good to 3 m, have a part in a thousand of a say)
-    assert re.match(r"tape A-B disagrees with the rest by 0.310 m, 43.[89] sigma$", conflict(found))
-    (told,) = judgements(found)
+    assert re.match(
+        r"tape A-B disagrees with the rest by 0.310 m, 43.[89] sigma$", worst_conflict(found)
+    )
+    (told,) = findings(found)
     assert told.startswith("tapes fit 43.8 times worse than their accuracies say")
     sigmas = [r.sigma for r in observations(found) if r.kind == "distance"]
     assert sigmas == pytest.approx([0.005 * 43.84] * 2, rel=1e-3)
 
 
 def test_nothing_is_told_where_nothing_contradicts() -> None:
-    assert conflict(taped(10.0, 10.01, 10.005)) == ""
-    assert conflict(taped(10.0)) == ""
-    assert judgements(taped(10.0, 10.01, 10.005)) == []
+    assert worst_conflict(taped(10.0, 10.01, 10.005)) == ""
+    assert worst_conflict(taped(10.0)) == ""
+    assert findings(taped(10.0, 10.01, 10.005)) == []
 
 
 def test_wrong_pick_is_told_in_metres_whatever_controls_it() -> None:
@@ -70,7 +70,7 @@ def test_wrong_pick_is_told_in_metres_whatever_controls_it() -> None:
     cloud = {"A": (0, 0, 0), "B": (10, 0, 0), "C": (20.5, 0, 0)}
     tapes = [Tape("A", "B", 10.0, 1e-4), Tape("B", "C", 10.0, 1e-4), Tape("A", "C", 20.0, 1e-4)]
     found = adjusted(network_of("ABC", tapes, cloud=cloud), Freedom(0, False, False))
-    told = re.match(r".* by (\d\.\d+) m, (\d+\.\d) sigma", conflict(found))
+    told = re.match(r".* by (\d\.\d+) m, (\d+\.\d) sigma", worst_conflict(found))
     assert told is not None
     # By the middle B misses 0.25 m of the cloud; either end would have to move by 0.5 m.
     assert 0.2 < float(told.group(1)) < 0.55
@@ -86,8 +86,8 @@ def test_bad_tape_of_a_survey() -> None:
     pattern = (
         rf"tape {first}-{second} disagrees with the rest by 0\.(2[7-9]|3[0-5])\d m, [\d.]+ sigma"
     )
-    assert re.fullmatch(pattern, conflict(found))
-    assert judgements(found)[0].endswith("and was left out; measure it again")
+    assert re.fullmatch(pattern, worst_conflict(found))
+    assert findings(found)[0].endswith("and was left out; measure it again")
 
 
 def test_scale_of_tapes_and_positions() -> None:
@@ -97,7 +97,7 @@ def test_scale_of_tapes_and_positions() -> None:
         r"the scale comes from 20 tapes \(known to (0\.\d+) %; without them it would be known to "
         r"([\d.]+) %\); next to nothing from 12 positions"
     )
-    told = re.fullmatch(pattern, carried_by(found.adjustment))
+    told = re.fullmatch(pattern, scale_source(found.adjustment))
     assert told is not None
     assert float(told.group(1)) == pytest.approx(100.0 * found.std / found.factor, rel=0.05)
     nothing = np.arange(0)
@@ -123,13 +123,13 @@ def test_scale_of_a_bar_alone() -> None:
     found = adjusted(network, Freedom(0, False, False))
     std = math.sqrt(0.005**2 + 2 * (1.2 * 0.01) ** 2) / 12.0
     told = f"the scale comes from 1 scale bar (known to {100 * std:.2g} %; nothing else fixes it)"
-    assert carried_by(found) == told
+    assert scale_source(found) == told
 
 
 def test_scale_of_bars_that_tapes_help() -> None:
     tapes = [Tape("A", "B", 10.0, 0.002, bar=True), Tape("C", "D", math.sqrt(101.0), 0.004)]
     network = network_of("ABCD", tapes, cloud=CLOUD, pick=1e-4)
-    told = carried_by(adjusted(network, Freedom(0, False, False)))
+    told = scale_source(adjusted(network, Freedom(0, False, False)))
     # 0.02 % by the bar, 0.04 % by the tape: together 0.02 / sqrt(1.25).
     assert told == (
         "the scale comes from 1 scale bar (known to 0.018 %; without them it would be known to "
@@ -188,11 +188,11 @@ def test_records_are_what_was_observed() -> None:
     for each in records:
         assert each.adjusted - each.observed == pytest.approx(each.residual, abs=1e-9)
         assert each.redundancy is not None
-        assert each.carries is not None
+        assert each.contribution is not None
         assert 0.0 <= each.redundancy <= 1.0
-        assert 0.0 <= each.carries <= 1.0
-    assert point_std(found).shape == (6, 3)
-    assert point_std(found)[0, 2] < 0.02 < 0.3 < point_std(found)[0, 0]
+        assert 0.0 <= each.contribution <= 1.0
+    assert found.point_std.shape == (6, 3)
+    assert found.point_std[0, 2] < 0.02 < 0.3 < found.point_std[0, 0]
 
 
 def test_note_of_which_end_is_higher_is_judged() -> None:
@@ -200,10 +200,10 @@ def test_note_of_which_end_is_higher_is_judged() -> None:
     rise = truth.points[truth.network.ends[:, 1], 2] - truth.points[truth.network.ends[:, 0], 2]
     higher = np.sign(rise).astype(np.int64)
     noted = replace(truth.network, higher=higher)
-    assert judgements(fit(noted, "full", False).adjustment) == []
+    assert findings(fit(noted, "full", False).adjustment) == []
     wrong = int(np.argmax(rise))
     higher[wrong] = -1
-    (told,) = judgements(fit(noted, "full", False).adjustment)
+    (told,) = findings(fit(noted, "full", False).adjustment)
     first, second = (truth.network.names[end] for end in truth.network.ends[wrong])
     assert re.fullmatch(
         rf"{first}-{second}: {first} was noted to be higher, but {second} is by [\d.]+ m; correct "

@@ -15,15 +15,14 @@ from quantify_client.scaler.adjustment.fit import fit
 from quantify_client.scaler.adjustment.network import Freedom, Network
 from quantify_client.scaler.adjustment.outliers import adjust
 from quantify_client.scaler.adjustment.solve import Adjustment
-from quantify_client.scaler.adjustment.start import starts
-from quantify_client.scaler.adjustment.summary import conflict, observations
+from quantify_client.scaler.adjustment.summary import observations, worst_conflict
 
 WHOLE = Freedom(3, shift_xy=True, shift_z=False)
 SMALL = survey(5, points=6, tapes=8, levelled=3)
 
 
 def adjusted(network: Network, freedom: Freedom = WHOLE) -> Adjustment:
-    return adjust(network, freedom, starts(network, freedom))
+    return adjust(network, freedom)
 
 
 # --- what the result does not depend on
@@ -127,7 +126,7 @@ def test_tape_that_alone_fixes_the_scale_carries_it_all() -> None:
     network = network_of("ABCD", [Tape("A", "C", 30.0)], cloud=CLOUD)
     found = adjusted(network, Freedom(0, False, False))
     last = len(found.model.kind) - 1
-    assert found.carries()[last] == pytest.approx(1.0, abs=1e-3)
+    assert found.contribution()[last] == pytest.approx(1.0, abs=1e-3)
     assert found.redundancy[last] == pytest.approx(0.0, abs=1e-6)
     assert found.std_without(found.model.kind == "distance") > 1.0
 
@@ -137,7 +136,7 @@ def test_two_equal_tapes_carry_half_each() -> None:
     network = network_of("ABCD", [Tape("A", "B", 24.0), Tape("C", "D", 24.0)], cloud=cloud)
     found = adjusted(network, Freedom(0, False, False))
     lengths = found.model.kind == "distance"
-    assert found.carries()[lengths] == pytest.approx([0.5, 0.5], abs=1e-6)
+    assert found.contribution()[lengths] == pytest.approx([0.5, 0.5], abs=1e-6)
     # Of each of the two, half is controlled by the other: of the tape and of its two picks.
     variance = 0.005**2 + 2 * (1.2 * 0.01) ** 2
     assert found.redundancy[lengths] == pytest.approx(0.5 * 0.005**2 / variance, rel=1e-6)
@@ -186,7 +185,7 @@ def test_check_lengths_take_no_part_and_are_reported() -> None:
         assert record.names == tuple(network.names[end] for end in ends)
         assert record.adjusted == pytest.approx(across, abs=1e-9)
         assert record.residual == pytest.approx(across - length[number], abs=1e-9)
-        assert (record.redundancy, record.carries, record.outlier) == (None, None, False)
+        assert (record.redundancy, record.contribution, record.outlier) == (None, None, False)
     assert records[0].residual == pytest.approx(-5.0, abs=0.06)
     assert abs(records[1].residual) < 0.06
 
@@ -251,7 +250,7 @@ def test_two_bars_that_contradict_each_other_are_both_kept_and_doubted() -> None
     assert found.raised["scale_bar"] > 100.0
     told = [r for r in observations(found) if r.kind == "scale_bar"]
     assert [r.sigma for r in told] == pytest.approx([0.001 * found.raised["scale_bar"]] * 2)
-    assert "scale bar " in conflict(found)
+    assert "scale bar " in worst_conflict(found)
     # Both scales lie within two std of the result.
     for bar in bars:
         alone = bar.length / math.dist(CLOUD[bar.first], CLOUD[bar.second])

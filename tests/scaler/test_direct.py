@@ -49,8 +49,8 @@ def test_level_pair_has_an_interval() -> None:
     assert found.std_m == pytest.approx(29.900376 / 2.44745, abs=1e-4)
     assert found.interval_m == pytest.approx((0.0, 11.0995), abs=1e-4)
     assert found.note == (
-        "A-B: too level for its elevation difference to be told (2.45 m with a sigma of 12.22 m): "
-        "it lies between 0.00 and 11.10 m"
+        "A-B: too level for its elevation difference to be determined (2.45 m with a sigma of "
+        "12.22 m): it lies between 0.00 and 11.10 m"
     )
 
 
@@ -100,7 +100,7 @@ def test_sign_nobody_knows_is_refused() -> None:
     found = direct_height(AB, (5.0, 0.005), (4.0, 0.02), 0)
     assert (found.dz_m, found.std_m) == (None, None)
     assert found.note == (
-        "A-B: nothing tells which end is higher; add 'higher: A' or 'higher: B' to the distance"
+        "A-B: it is not known which end is higher; add 'higher: A' or 'higher: B' to the distance"
     )
 
 

@@ -87,18 +87,18 @@ def test_point_that_nothing_tells_of_is_named_and_left_open() -> None:
     assert found.points[:2, 2] == pytest.approx([0.0, 3.0], abs=1e-6)
     assert np.isnan(found.points[2:]).all()
     assert [pair.note for pair in found.direct if pair.note] == [
-        "B-C: nothing tells which end is higher; add 'higher: B' or 'higher: C' to the distance"
+        "B-C: it is not known which end is higher; add 'higher: B' or 'higher: C' to the distance"
     ]
 
 
 @pytest.mark.parametrize(
     ("tapes", "reason"),
     [
-        ([tape("AB")], "A-B: nothing tells which end is higher; add 'higher: A' or 'higher: B'"),
+        ([tape("AB")], "A-B: it is not known which end is higher; add 'higher: A' or 'higher: B'"),
         ([tape("AB", "B", -2.0)], "A-B: the tape (3.000 m) is 1.000 m shorter than the ground"),
         ([], "there are positions only, and no taped distances"),
         ([tape("AB", "B")._replace(check=True)], "there are positions only, and no taped"),
-        ([tape("AB"), tape("CD")], "A-B: nothing tells which end is higher"),
+        ([tape("AB"), tape("CD")], "A-B: it is not known which end is higher"),
     ],
 )
 def test_what_cannot_be_solved_is_refused(tapes, reason: str) -> None:

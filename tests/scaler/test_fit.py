@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from quantify_client.errors import ControlError
 from quantify_client.scaler.adjustment.direct import direct_heights
-from quantify_client.scaler.adjustment.fit import Fit, fit
+from quantify_client.scaler.adjustment.fit import ScaleFit, fit
 from quantify_client.scaler.adjustment.network import Network
 
 UPRIGHT = Rotation.from_euler("z", 40, degrees=True).as_matrix()
@@ -101,7 +101,7 @@ def test_gentle_slope_takes_nothing_from_the_scale(relief: float, seeds: range) 
 # --- modes
 
 
-def levelled(seed: int) -> Tuple[np.ndarray, Fit]:
+def levelled(seed: int) -> Tuple[np.ndarray, ScaleFit]:
     truth = survey(seed, points=8, tapes=12, levelled=4)
     found = fit(truth.network, "full", False)
     assert found.mode == "full"
@@ -259,7 +259,7 @@ def test_auto_falls_back_to_the_scale_and_says_so(
     assert found.similarity.rotation.tolist() == np.eye(3).tolist()
     told = f"only the scale is applied, the cloud stays where it is: {reason}"
     assert sum(note.startswith(told) for note in found.warnings) == 1
-    unused = "positions of points in the cloud are not used: they cannot tell how it is turned"
+    unused = "positions of points in the cloud are not used: they cannot fix how it is turned"
     assert (unused in found.warnings) is not georeferenced
     across = math.dist(network.cloud[0], network.cloud[1])
     assert found.factor == pytest.approx(30.0 / across, abs=5 * found.std)
@@ -277,11 +277,11 @@ def test_three_points_in_a_line_still_allow_a_shift(placed: str) -> None:
 def test_vertical_that_is_hardly_known_is_not_applied() -> None:
     """Low relief and GPS good to 3 m: the tilt is anybody's guess, the tapes' scale is not."""
     truth = survey(1, relief=0.3, gps=20.0)
-    with pytest.raises(ControlError, match="hardly tell which way is up"):
+    with pytest.raises(ControlError, match="hardly fix the vertical"):
         fit(truth.network, "full", False)
     found = fit(truth.network, "auto", False)
     assert found.mode == "scale"
-    assert any("hardly tell which way is up" in note for note in found.warnings)
+    assert any("hardly fix the vertical" in note for note in found.warnings)
     assert abs(found.factor - truth.factor) < 3.0 * found.std
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from quantify_client.crs import positions_to
 from quantify_client.errors import ControlError, OutputError
-from quantify_client.scaler.control.gcp_list import write_gcp_list
+from quantify_client.scaler.control.gcp_write import write_gcp_list
 from quantify_client.scaler.control.model import ControlPoint, Pick
 from quantify_client.scaler.control.read import read_control
 

@@ -83,8 +83,8 @@ def test_everything_is_computed_as_by_hand() -> None:
             13.0,
         ]
     )
-    assert equations.observed().tolist() == [1, 2, 7, 10, 0, 0, 14, 0, 0, 13]
-    assert equations.sigma() == pytest.approx([3, 3, 0.02, *[0.01] * 6, 0.005])
+    assert equations.observed.tolist() == [1, 2, 7, 10, 0, 0, 14, 0, 0, 13]
+    assert equations.sigma == pytest.approx([3, 3, 0.02, *[0.01] * 6, 0.005])
     assert equations.group.tolist() == [0, 0, 1, 2, 2, 2, 3, 3, 3, 4]
     assert equations.component.tolist() == [0, 1, 0, 0, 1, 2, 0, 1, 2, 0]
     assert equations.index.tolist() == [0, 0, 1, 0, 0, 0, 1, 1, 1, 0]
@@ -98,7 +98,7 @@ def test_whitened_rows_have_unit_variance_and_no_correlation() -> None:
     equations = Model(
         replace(equations.network, cloud_covariance=covariance), equations.freedom, equations.start
     )
-    whole = np.diag(equations.sigma() ** 2)
+    whole = np.diag(equations.sigma**2)
     for group in np.unique(equations.group[equations.kind == "cloud"]):
         rows = np.flatnonzero(equations.group == group)
         whole[np.ix_(rows, rows)] = covariance[equations.index[rows[0]]]
@@ -121,7 +121,7 @@ def test_state_counts_from_the_start() -> None:
     assert there.rotation == pytest.approx(turn @ LARGE)
     assert there.shift == pytest.approx([12.0, 5.0, 2.0])
     assert there.log_scale == pytest.approx(0.3 + math.log(2.0))
-    onward = equations.again(there)
+    onward = equations.at(there)
     assert onward.computed(np.zeros(onward.size)) == pytest.approx(equations.computed(unknowns))
 
 

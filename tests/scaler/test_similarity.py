@@ -15,8 +15,8 @@ from quantify_client.scaler.adjustment.similarity import (
     Similarity,
     fit_heading,
     fit_similarity,
+    rotations_from_above,
     spread,
-    views_from_above,
 )
 
 UTM = np.array([576_700.0, 5_188_140.0, 310.0])
@@ -143,7 +143,7 @@ def test_view_from_above_has_the_right_rotation_among_its_answers(
     if flat:  # seen from the side it lies on an edge; a slope is what control points lie on
         rotation = Rotation.from_euler("zx", [50.0 * seed, 12.0], degrees=True).as_matrix()
     seen = (scale * points @ rotation.T)[:, :2] + UTM[:2]
-    guesses = views_from_above(points + UTM, seen, scale if told else None)
+    guesses = rotations_from_above(points + UTM, seen, scale if told else None)
     apart = [np.abs(guess - rotation).max() for guess in guesses]
     if told or not flat:
         assert min(apart) < 1e-6

@@ -51,7 +51,7 @@ def test_everything_said_is_taken() -> None:
     assert np.isnan(network.elevation[1:]).all()
     assert network.elevation_sigma[0] == 0.02
     assert network.cloud[2].tolist() == [1.0, 2.0, 3.0]
-    assert network.clouded.tolist() == [False, False, True, False]
+    assert network.in_cloud.tolist() == [False, False, True, False]
     assert network.placed.tolist() == [True, True, False, False]
     assert network.levelled.tolist() == [True, False, False, False]
     assert network.cloud_covariance[2] == pytest.approx(place.covariance, abs=1e-11)
@@ -61,7 +61,7 @@ def test_everything_said_is_taken() -> None:
     assert network.bar.tolist() == [False, True, False]
     assert network.check.tolist() == [False, False, True]
     assert network.higher.tolist() == [1, -1, 0]
-    assert network.spans().tolist() == [0, 1]
+    assert network.used_lengths.tolist() == [0, 1]
     assert network.radius_m == SITE.radius_m
 
 
@@ -130,4 +130,4 @@ def test_nothing_at_all() -> None:
     network, notes = build_network(control(), None, 0.0, {})
     assert (network.names, notes) == ((), [])
     assert network.ends.shape == (0, 2)
-    assert network.spans().tolist() == []
+    assert network.used_lengths.tolist() == []

@@ -9,7 +9,7 @@ from nodeodm import OPTIONS
 
 from quantify_client.errors import QuantifyError
 from quantify_client.sfm.servers.access import Access
-from quantify_client.sfm.servers.nodeodm import Node
+from quantify_client.sfm.servers.nodeodm import NodeClient
 from quantify_client.sfm.servers.presets import choose_options
 from quantify_client.sfm.servers.webodm_tasks import WebODMTasks
 
@@ -107,7 +107,7 @@ def test_answers_of_any_kind(call, kind):
     answers = NODE if kind == "node" else WEBODM
     for path, _ in itertools.product(answers, range(60)):
         if kind == "node":
-            server = Node("http://host")
+            server = NodeClient("http://host")
         else:
             server = WebODMTasks("http://host", 1, Access("me", "it"), marker="m")
         server._server = Answering(answers, path, rng)

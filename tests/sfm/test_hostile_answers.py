@@ -8,9 +8,10 @@ from nodeodm import NodeODM
 from photographs import all_zip
 
 from quantify_client.errors import ServerError
-from quantify_client.sfm.servers import saving
-from quantify_client.sfm.servers.http import OutageError, Server
-from quantify_client.sfm.servers.nodeodm import Node
+from quantify_client.sfm.servers import limits
+from quantify_client.sfm.servers.errors import OutageError
+from quantify_client.sfm.servers.http import Server
+from quantify_client.sfm.servers.nodeodm import NodeClient
 
 # Servers, sizes and words: no different on a second Python.
 pytestmark = pytest.mark.one_python
@@ -26,7 +27,7 @@ def server(tmp_path):
 
 @pytest.fixture
 def node(server):
-    return Node(server.url, silence_s=0.5)
+    return NodeClient(server.url, silence_s=0.5)
 
 
 @pytest.mark.parametrize(
@@ -62,7 +63,7 @@ def test_what_an_earlier_try_left_does_not_count_as_used(server, node, tmp_path,
     server.tasks[UUID].status = 40
     part = tmp_path / "all.zip.part"
     usage = namedtuple("usage", "free")
-    room = saving.SPARE_BYTES + len(server.archive)
+    room = limits.SPARE_BYTES + len(server.archive)
     monkeypatch.setattr(
         shutil,
         "disk_usage",

@@ -17,15 +17,15 @@ import pytest
 from photographs import all_zip
 
 from quantify_client.errors import OutputError, ServerError
-from quantify_client.jobs import fetching
-from quantify_client.jobs.journal import Job, SentFile
-from quantify_client.sfm.servers import saving
+from quantify_client.jobs import waiting
+from quantify_client.jobs.job import Job, SentFile
+from quantify_client.sfm.odm.archive import zip_fault
+from quantify_client.sfm.servers import limits
 from quantify_client.sfm.servers.access import Access
-from quantify_client.sfm.servers.faults import OutageError
+from quantify_client.sfm.servers.errors import ArchiveError, OutageError
 from quantify_client.sfm.servers.http import Server
-from quantify_client.sfm.servers.nodeodm import ArchiveError, Node
+from quantify_client.sfm.servers.nodeodm import NodeClient
 from quantify_client.sfm.servers.webodm_tasks import WebODMTasks
-from quantify_client.sfm.servers.zips import zip_fault
 
 # Servers, sizes and words: no different on a second Python.
 pytestmark = pytest.mark.one_python
@@ -192,7 +192,7 @@ def test_upload_of_which_the_answer_drips_is_given_up(tmp_path):
     with answering(JSON, b"X", pause_s=0.05) as url:
         begun = time.monotonic()
         with pytest.raises(OutageError):
-            Node(url, silence_s=0.1).upload(UUID, tmp_path / "a.JPG", "a.JPG")
+            NodeClient(url, silence_s=0.1).upload(UUID, tmp_path / "a.JPG", "a.JPG")
     assert time.monotonic() - begun < 3.0
 
 
@@ -213,13 +213,13 @@ def test_download_without_a_length_leaves_the_disk_its_reserve(tmp_path, monkeyp
         return usage(free - (part.stat().st_size if part.exists() else 0))
 
     monkeypatch.setattr(shutil, "disk_usage", disk)
-    monkeypatch.setattr(saving, "SPARE_BYTES", 380 << 20)
+    monkeypatch.setattr(limits, "SPARE_BYTES", 380 << 20)
     seen = []
     words = r"MB have come, of an unknown number.*make room"
     endless = answering(ZIP + b"\r\n", bytes(1 << 20))
     with endless as url, pytest.raises(OutputError, match=words):
         Server(url, silence_s=2.0).download("/x", part, lambda done, _: seen.append(done))
-    assert max(seen) <= (20 << 20) + saving.LOOK_BYTES
+    assert max(seen) <= (20 << 20) + limits.LOOK_BYTES
     assert not part.exists()
 
 
@@ -227,7 +227,7 @@ def test_download_without_a_length_leaves_the_disk_its_reserve(tmp_path, monkeyp
 def test_download_that_is_larger_than_it_can_be(tmp_path, length):
     endless, words = answering(ZIP + length + b"\r\n", bytes(1 << 20)), r"the 5.0 MB.*--max-size"
     with endless as url, pytest.raises(ServerError, match=words) as caught:
-        Node(url, silence_s=2.0).download(UUID, tmp_path / "all.zip", most=5_000_000)
+        NodeClient(url, silence_s=2.0).download(UUID, tmp_path / "all.zip", most=5_000_000)
     assert not isinstance(caught.value, OutageError)
     assert not list(tmp_path.iterdir())
 
@@ -245,7 +245,7 @@ def test_lengths_that_are_none(tmp_path, length):
 def test_result_may_be_many_times_its_photographs():
     files = tuple(SentFile(f"{n}.JPG", "/x", 8_000_000, 0) for n in range(500))
     job = Job("http://host", "n", {}, (), files)
-    assert fetching._most(job) == (4 << 30) + 20 * 500 * 8_000_000
+    assert waiting.most_bytes(job) == (4 << 30) + 20 * 500 * 8_000_000
 
 
 # --- archives
@@ -312,11 +312,11 @@ def test_option_without_a_name(name):
     text = json.dumps([{"name": name, "type": "bool"}]).encode()
     answer = answering(JSON + b"Content-Length: %d\r\n\r\n" % len(text) + text, b"")
     with answer as url, pytest.raises(OutageError, match="no list of options"):
-        Node(url, silence_s=0.5).options()
+        NodeClient(url, silence_s=0.5).options()
 
 
 def test_damaged_archive_is_removed(tmp_path):
     answer = answering(ZIP + b"Content-Length: 3\r\n\r\nabc", b"")
     with answer as url, pytest.raises(ArchiveError):
-        Node(url, silence_s=0.5).download(UUID, tmp_path / "all.zip")
+        NodeClient(url, silence_s=0.5).download(UUID, tmp_path / "all.zip")
     assert not list(tmp_path.iterdir())

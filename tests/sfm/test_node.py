@@ -9,16 +9,17 @@ from nodeodm import TOKEN, NodeODM
 from photographs import all_zip
 
 from quantify_client.errors import InputError, OutputError, QuantifyError, ServerError
-from quantify_client.sfm.servers import http, saving
-from quantify_client.sfm.servers.http import OutageError, RefusedError, Server
-from quantify_client.sfm.servers.nodeodm import (
+from quantify_client.sfm.odm.archive import zip_fault
+from quantify_client.sfm.servers import http, limits
+from quantify_client.sfm.servers.access import split_token
+from quantify_client.sfm.servers.errors import (
     ArchiveError,
-    Node,
+    OutageError,
+    RefusedError,
     TaskLostError,
-    TaskStatus,
-    split_token,
 )
-from quantify_client.sfm.servers.zips import zip_fault
+from quantify_client.sfm.servers.http import Server
+from quantify_client.sfm.servers.nodeodm import NodeClient, TaskStatus
 
 # Servers, sizes and words: no different on a second Python.
 pytestmark = pytest.mark.one_python
@@ -34,7 +35,7 @@ def server(tmp_path):
 
 @pytest.fixture
 def node(server):
-    return Node(server.url, silence_s=0.5)
+    return NodeClient(server.url, silence_s=0.5)
 
 
 def test_info_and_options_are_pyodms(node):
@@ -46,8 +47,8 @@ def test_info_and_options_are_pyodms(node):
 def test_path_prefix_is_kept(tmp_path, prefix):
     # pyodm drops it.
     with NodeODM(tmp_path, archive=b"", prefix=prefix).running() as server:
-        assert Node(server.url).info().version == "2.2.4"
-        assert Node(server.url + "/").info().version == "2.2.4"
+        assert NodeClient(server.url).info().version == "2.2.4"
+        assert NodeClient(server.url + "/").info().version == "2.2.4"
 
 
 @pytest.fixture(scope="module")
@@ -74,23 +75,23 @@ def test_https_on_any_port_and_the_certificate_counts(tmp_path, certificate):
     server.context.load_cert_chain(certificate / "cert.pem", certificate / "key.pem")
     with server.running():
         assert server.url.startswith("https://127.0.0.1:")
-        assert Node(server.url, ca=certificate / "cert.pem").info().engine == "odm"
-        assert Node(server.url, insecure=True).info().engine == "odm"
+        assert NodeClient(server.url, ca=certificate / "cert.pem").info().engine == "odm"
+        assert NodeClient(server.url, insecure=True).info().engine == "odm"
         with pytest.raises(ServerError, match="--ca FILE") as caught:
-            Node(server.url).info()
+            NodeClient(server.url).info()
         assert not isinstance(caught.value, OutageError)
 
 
 def test_http_where_https_is_meant_is_said(server):
     with pytest.raises(ServerError, match=r"try http://"):
-        Node(server.url.replace("http:", "https:")).info()
+        NodeClient(server.url.replace("http:", "https:")).info()
 
 
 def test_file_that_is_no_certificate(tmp_path, server):
     (tmp_path / "ca.pem").write_text("no certificate")
     for name in ("ca.pem", "missing.pem"):
         with pytest.raises(ServerError, match="expected a PEM file"):
-            Node(server.url, ca=tmp_path / name)
+            NodeClient(server.url, ca=tmp_path / name)
 
 
 @pytest.mark.parametrize(
@@ -107,12 +108,12 @@ def test_file_that_is_no_certificate(tmp_path, server):
 )
 def test_address_that_is_none(url):
     with pytest.raises(ServerError, match=r"expected http|after '\?'"):
-        Node(url)
+        NodeClient(url)
 
 
 def test_password_in_the_address_is_refused_and_not_shown():
     with pytest.raises(ServerError, match="do not belong into a URL") as caught:
-        Node("http://me:hush@host:3000")
+        NodeClient("http://me:hush@host:3000")
     assert "hush" not in str(caught.value)
 
 
@@ -120,7 +121,7 @@ def test_token_in_the_address_is_taken_out():
     assert split_token("https://host/p?token=a%2Bb") == ("https://host/p", "a+b")
     assert split_token("https://host/p?token=a", "b") == ("https://host/p", "b")
     assert split_token("https://host/p") == ("https://host/p", None)
-    node = Node("http://host:3000?token=hush")
+    node = NodeClient("http://host:3000?token=hush")
     assert node.url == "http://host:3000"
     assert "hush" not in repr(node)
 
@@ -128,9 +129,9 @@ def test_token_in_the_address_is_taken_out():
 def test_token_of_one_node_is_not_given_to_the_next(tmp_path):
     # pyodm's mutable default does that.
     with NodeODM(tmp_path, archive=b"", token=TOKEN).running() as server:
-        assert Node(server.url, TOKEN).info().engine == "odm"
+        assert NodeClient(server.url, TOKEN).info().engine == "odm"
         with pytest.raises(RefusedError, match="QUANTIFY_NODE_TOKEN"):
-            Node(server.url).info()
+            NodeClient(server.url).info()
         assert "token" not in server.seen.lines[-1][1]
 
 
@@ -138,12 +139,8 @@ def test_token_goes_to_no_other_host(tmp_path, server):
     with NodeODM(tmp_path / "other", archive=b"").running() as other:
         target = f"{other.url}/info?token=hush&signature=x"
         server.fault("redirect", "/info", value=target)
-        asked = Server(
-            server.url,
-            query={"token": "hush"},
-            headers={"Authorization": "JWT hush"},
-            secrets=["hush"],
-        )
+        asked = Server(server.url, query={"token": "hush"})
+        asked.identify({"Authorization": "JWT hush"}, ["hush"])
         assert asked.json("GET", "/info")["engine"] == "odm"
         assert server.seen.headers[0]["Authorization"] == "JWT hush"
         assert "Authorization" not in other.seen.headers[0]
@@ -152,7 +149,8 @@ def test_token_goes_to_no_other_host(tmp_path, server):
 
 def test_token_stays_on_a_redirect_within_the_host(server):
     server.fault("redirect", "/info", value="/info?again=1")
-    asked = Server(server.url, headers={"Authorization": "JWT hush"}, secrets=["hush"])
+    asked = Server(server.url)
+    asked.identify({"Authorization": "JWT hush"}, ["hush"])
     asked.json("GET", "/info")
     assert server.seen.headers[1]["Authorization"] == "JWT hush"
 
@@ -192,7 +190,7 @@ def test_exception_leads_to_no_url(server, kind):
         server.stop()
     server.fault(kind, "/info")
     with pytest.raises(OutageError) as caught:
-        Node(server.url, TOKEN).info()
+        NodeClient(server.url, TOKEN).info()
     error = caught.value
     while error is not None:
         assert isinstance(error, ServerError)
@@ -314,7 +312,7 @@ def test_other_kinds_are_no_archive(server, node, tmp_path, monkeypatch, kind):
 
 
 def test_download_that_has_no_room_is_not_begun(server, node, tmp_path, monkeypatch):
-    monkeypatch.setattr(saving, "SPARE_BYTES", 1 << 60)
+    monkeypatch.setattr(limits, "SPARE_BYTES", 1 << 60)
     server.init(UUID, {"options": "[]"})
     server.commit(UUID)
     server.tasks[UUID].status = 40

@@ -5,7 +5,8 @@ from nodeodm import OPTIONS
 from pyodm.types import NodeOption
 
 from quantify_client.errors import UsageError
-from quantify_client.sfm.servers.presets import MINIMAL_OUTPUTS, PRESETS, choose_options
+from quantify_client.sfm.odm.layout import MINIMAL_OUTPUTS
+from quantify_client.sfm.servers.presets import PRESETS, choose_options
 
 # Servers, sizes and words: no different on a second Python.
 pytestmark = pytest.mark.one_python

@@ -9,7 +9,7 @@ from webodm import PASSWORD, USER, VIEWER, WebODM
 from quantify_client.errors import CloudError, ServerError, UsageError
 from quantify_client.sfm.servers import webodm
 from quantify_client.sfm.servers.access import Access
-from quantify_client.sfm.servers.http import OutageError, StatusError
+from quantify_client.sfm.servers.errors import OutageError, StatusError
 from quantify_client.sfm.servers.webodm import WebODM as Client
 from quantify_client.sfm.servers.webodm import task_address
 from quantify_client.sfm.servers.webodm_tasks import WebODMTasks

@@ -35,9 +35,9 @@ def ground_under(
     known = np.ones(x.shape, bool) if measured is None else measured(x, y)
     z = np.where(known, z, np.nan)
     count = np.where(known, 4, 0)
-    strays = np.zeros(x.shape, np.int64)
+    outliers = np.zeros(x.shape, np.int64)
     return CellHeights(
-        window, z, count, strays, z - cell / 4, z + cell / 4, count.astype(np.float64)
+        window, z, count, outliers, z - cell / 4, z + cell / 4, count.astype(np.float64)
     )
 
 

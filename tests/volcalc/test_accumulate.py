@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import shapely
 
 from quantify_client.types import Window
 from quantify_client.volcalc.terrain import accumulate
@@ -19,8 +20,9 @@ SITES = [
 
 
 def bits(accumulator, number):
-    cubes, points = accumulator.ground(number)
-    return [cubes.column, cubes.row, cubes.bin, cubes.count, cubes.inside, points]
+    points = accumulator.points_of(number)
+    cubes = points.cubes
+    return [cubes.column, cubes.row, cubes.bin, cubes.count, cubes.inside, points.sample]
 
 
 def same(one, other):
@@ -50,7 +52,8 @@ def test_an_area_s_cubes_are_those_of_the_points_in_its_window():
     accumulator = filled(SITES[:1], (x, y, z))
     near = accumulator.window
     inside = (x >= near.min_x) & (x < near.max_x) & (y >= near.min_y) & (y < near.max_y)
-    cubes, points = accumulator.ground(0)
+    kept = accumulator.points_of(0)
+    cubes, points = kept.cubes, kept.sample
     assert accumulator.seen == 20_000
     assert cubes.count.sum() == inside.sum()
     site = SITES[0]
@@ -95,7 +98,7 @@ def test_areas_that_memory_does_not_hold_wait_for_another_pass(monkeypatch):
     assert 0 not in accumulator.postponed
     same(bits(accumulator, 0), bits(filled(SITES[:1], points), 0))
     with pytest.raises(KeyError):
-        accumulator.ground(accumulator.postponed[0])
+        accumulator.points_of(accumulator.postponed[0])
 
 
 def test_points_elsewhere_leave_nothing_behind():
@@ -103,4 +106,17 @@ def test_points_elsewhere_leave_nothing_behind():
     far = np.full(100, 1e9)
     accumulator.absorb(accumulator.reduce(far, far, far))
     assert accumulator.seen == 100
-    assert all(len(accumulator.ground(i)[0].count) == 0 for i in range(len(SITES)))
+    assert all(len(accumulator.points_of(i).cubes.count) == 0 for i in range(len(SITES)))
+
+
+def test_shapes_go_to_the_local_origin_and_back():
+    kept = filled(SITES[1:2], some_points()).points_of(0)
+    site = SITES[1]
+    assert kept.origin == (site.min_x, site.min_y)
+    area = shapely.box(site.min_x, site.min_y, site.max_x, site.max_y)
+    local = kept.to_local(area)
+    assert local.bounds == pytest.approx((0.0, 0.0, 15.0, 30.0), abs=1e-9)
+    assert kept.to_frame(local).bounds == pytest.approx(area.bounds, abs=1e-8)
+    # Points and cubes count from there, too.
+    assert kept.sample[:, :2].max(axis=0) == pytest.approx([15.0, 30.0], abs=0.5)
+    assert kept.cubes.column.max() * kept.cubes.cell < 15.0 + 3 * 30.0

@@ -3,9 +3,14 @@
 import numpy as np
 import pytest
 
-from quantify_client.volcalc.paper.area import ring_areas, shoelace
+from quantify_client.volcalc.paper import ring_areas
 
 EAST, NORTH = 576_710.5, 5_188_139.0
+
+
+def area_of(x, y):
+    """Area of one polygon, counted from its first vertex."""
+    return ring_areas(x - x[:1], y - y[:1], np.zeros(len(x), np.int64), 1)[0]
 
 
 @pytest.mark.parametrize(
@@ -28,9 +33,9 @@ EAST, NORTH = 576_710.5, 5_188_139.0
 @pytest.mark.parametrize("offset", [(0.0, 0.0), (EAST, NORTH)])
 def test_known_polygons(vertices, area, offset):
     x, y = (np.array(vertices, dtype=float).reshape(-1, 2) + offset).T
-    assert abs(shoelace(x, y)) == pytest.approx(abs(area), abs=1e-8, nan_ok=True)
+    assert abs(area_of(x, y)) == pytest.approx(abs(area), abs=1e-8, nan_ok=True)
     if area not in (0.0, 30.0) and not np.isnan(area):
-        assert np.sign(shoelace(x, y)) == np.sign(area)
+        assert np.sign(area_of(x, y)) == np.sign(area)
 
 
 def test_rings_of_one_array_do_not_mix():

@@ -9,8 +9,9 @@ import pytest
 import shapely
 from shapely.geometry import Point, Polygon, box
 
+from quantify_client.errors import SupportError
 from quantify_client.volcalc.terrain.base import BASES, make_base
-from quantify_client.volcalc.terrain.cells import cell_fractions, polygons_of
+from quantify_client.volcalc.terrain.grid import cell_fractions, polygons_of
 from quantify_client.volcalc.terrain.rim import sample_rim
 
 from .grounds import EAST, LEVEL, NORTH, at_site, centres, ground_under
@@ -137,5 +138,11 @@ def test_an_elevation_is_itself_and_depends_on_no_rim(with_rim):
     parts, window, inside, rim = case("square")
     base = make_base(159.5, rim if with_rim else None, parts, window, inside)
     assert (base.z[inside] == 159.5).all()
-    influence = base.influence(np.ones(inside.shape))
-    assert influence.tolist() == [0.0] * (len(rim.z) if with_rim else 0)
+    assert base.rim is None
+    assert len(base.influence(np.ones(inside.shape))) == 0
+
+
+def test_without_a_rim_only_an_elevation_is_a_base():
+    parts, window, inside, _ = case("square")
+    with pytest.raises(SupportError, match="give the base as an elevation"):
+        make_base("plane", None, parts, window, inside)

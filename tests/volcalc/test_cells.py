@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from shapely.geometry import MultiPolygon, Polygon, box
 
 from quantify_client.types import Window
-from quantify_client.volcalc.terrain.cells import cell_fractions, polygons_of
-from quantify_client.volcalc.terrain.grid import CellWindow
+from quantify_client.volcalc.terrain.grid import CellWindow, cell_fractions, polygons_of
 
 EAST, NORTH = 576_700.0, 5_188_140.0
 CELL = 0.5

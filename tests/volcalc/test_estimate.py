@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from quantify_client.volcalc.body.enclose import Enclosed
-from quantify_client.volcalc.body.estimate import estimate, tells
-from quantify_client.volcalc.body.sections import Surface
+from quantify_client.volcalc.body.estimate import estimate, is_same_body
+from quantify_client.volcalc.body.sections import BodySurface
 
-NOTHING = Surface(
+NOTHING = BodySurface(
     corners=np.empty((0, 3, 3)),
     number=np.empty((0, 3), dtype=np.int64),
     sign=np.empty(0),
@@ -26,7 +26,6 @@ BODY = Enclosed(
     spacing=0.1,
     water=0.0,
     voids=0.0,
-    hollow=False,
     narrow=0.0,
     gaps=(),
     patches=np.empty((0, 3, 3)),
@@ -66,6 +65,6 @@ def test_thin_walls_are_not_corrected_and_widely_uncertain() -> None:
 
 
 def test_other_walls_tell_nothing() -> None:
-    assert tells(BODY, replace(BODY, within=98.0))
-    assert not tells(BODY, replace(BODY, within=60.0))
-    assert not tells(BODY, replace(BODY, thin_walled=True))
+    assert is_same_body(BODY, replace(BODY, within=98.0))
+    assert not is_same_body(BODY, replace(BODY, within=60.0))
+    assert not is_same_body(BODY, replace(BODY, thin_walled=True))

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 from solids import cube, sphere, table
 
-from quantify_client.volcalc.body.floor import Plane, Pose, find_plane, is_ground, lid
+from quantify_client.volcalc.body.floor import FloorPlane, Pose, find_plane, is_ground, lid
 
 
 def spacing_of(points):
@@ -124,7 +124,7 @@ _UNIT = st.tuples(*3 * [st.floats(-1, 1)]).filter(lambda v: np.linalg.norm(v) > 
 def test_a_pose_makes_the_plane_level_and_can_be_undone(normal, offset, seed):
     normal = np.array(normal) / np.linalg.norm(normal)
     points = np.random.default_rng(seed).normal(loc=(300.0, -200.0, 50.0), size=(20, 3))
-    plane = Plane(normal, offset, 0.0)
+    plane = FloorPlane(normal, offset, 0.0)
     pose = Pose.on(plane, points)
     turned = pose.apply(points)
     np.testing.assert_allclose(turned[:, 2], points @ normal - offset, atol=1e-9)
@@ -140,7 +140,7 @@ def test_a_pose_makes_the_plane_level_and_can_be_undone(normal, offset, seed):
 @pytest.mark.parametrize("normal", [(0, 0, 1), (0, 0, -1), (1, 0, 0), (0, -0.6, 0.8)])
 def test_a_pose_turns_no_further_than_the_plane_is_tilted(normal):
     points = np.random.default_rng(0).normal(size=(20, 3))
-    pose = Pose.on(Plane(np.array(normal, dtype=float), 0.3, 0.0), points)
+    pose = Pose.on(FloorPlane(np.array(normal, dtype=float), 0.3, 0.0), points)
     np.testing.assert_allclose(pose.rotation @ normal, [0, 0, 1], atol=1e-12)
     angle = np.arccos(np.clip((np.trace(pose.rotation) - 1) / 2, -1, 1))
     assert angle == pytest.approx(np.arccos(normal[2]), abs=1e-7)

@@ -12,9 +12,8 @@ from scipy.spatial.transform import Rotation
 from solids import BODIES, cup
 
 from quantify_client.volcalc.body.hollows import water_levels
-from quantify_client.volcalc.body.pockets import find_pockets
 from quantify_client.volcalc.body.sections import surface_of
-from quantify_client.volcalc.body.spaces import find_spaces
+from quantify_client.volcalc.body.spaces import find_pockets, find_spaces
 from quantify_client.volcalc.body.tetrahedra import Tetrahedra, tetrahedralize
 
 CUP = cup(inner=0.3, floor=0.2)

@@ -20,7 +20,8 @@ from scipy.spatial.transform import Rotation
 
 from quantify_client.types import AreaResult, Faces
 from quantify_client.volcalc.mesh import measure as mesh_module
-from quantify_client.volcalc.mesh.measure import MeshRecipe, measure_mesh
+from quantify_client.volcalc.mesh.measure import measure_mesh
+from quantify_client.volcalc.slices import BodyRecipe
 
 TURN = Rotation.from_euler("xyz", [20, 30, 40], degrees=True).as_matrix()
 
@@ -29,7 +30,7 @@ def measured(mesh, at=UTM, **recipe):
     points, faces = mesh
     sizes = np.array([len(face) for face in faces])
     faces = Faces(np.concatenate([*map(np.asarray, faces)]), sizes)
-    return measure_mesh("a", np.asarray(points) + at, faces, MeshRecipe(**recipe))
+    return measure_mesh("a", np.asarray(points) + at, faces, BodyRecipe(**recipe))
 
 
 def reason(mesh):
@@ -246,4 +247,15 @@ def test_result_is_complete():
 
 def test_faces_without_corners_enclose_nothing():
     none = Faces(np.empty(0, dtype=np.int64), np.zeros(3, dtype=np.int64))
-    assert measure_mesh("a", np.eye(3), none, MeshRecipe()) == "none of them has a corner"
+    assert measure_mesh("a", np.eye(3), none, BodyRecipe()) == "none of them has a corner"
+
+
+def test_the_place_of_a_fault_is_that_of_a_face_that_is_at_fault():
+    """Faces without an area are left out before, and must not shift the count."""
+    points, faces = cube()
+    points, faces = np.vstack([points, np.full((3, 3), 9.0)]), [list(face) for face in faces]
+    degenerate = [[8, 9, 10]] * 3
+    told = reason((points, [*degenerate, *faces[:-1]]))
+    x, y, z = (float(number) for number in told.split("(one at ")[1].rstrip(")").split(", "))
+    assert "open" in told
+    assert np.all(np.array([x, y, z]) - UTM < 2.0)

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from quantify_client.volcalc.mesh.box_tree import BoxTree, overlaps
-from quantify_client.volcalc.mesh.intersections import BITS, meeting, normals
+from quantify_client.volcalc.mesh.intersections import BITS, BoxTree, meeting, normals, overlaps
 
 pytestmark = pytest.mark.one_python
 

@@ -5,7 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quantify_client.volcalc.paper.order import bounding_midpoints, counter_clockwise, polar_order
+from quantify_client.volcalc.paper import bounding_midpoints, polar_order
+
+
+def counter_clockwise(x, y):
+    """Order of the points of one slab."""
+    slab = np.zeros(len(x), np.int64)
+    middle_x, middle_y = bounding_midpoints(x, y, slab, 1)
+    return polar_order(x - middle_x[0], y - middle_y[0], slab, 1)
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ def outlined(keep, count=40_000):
     accumulator = TerrainAccumulator([CLOUD], room=False)
     z = np.full(np.count_nonzero(kept), LEVEL)
     accumulator.absorb(accumulator.reduce(EAST + x[kept], NORTH + y[kept], z))
-    return cloud_outline(accumulator.ground(0)[0], Window(0, 0, 30, 30))
+    return cloud_outline(accumulator.points_of(0))
 
 
 def outline_of(keep, count=40_000):

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scans import OFFSET, Flaws, scan
 from solids import ball_part, sphere, two_spheres
 
-from quantify_client.volcalc.body.pockets import find_pockets
+from quantify_client.volcalc.body.spaces import find_pockets
 from quantify_client.volcalc.body.tetrahedra import Tetrahedra, tetrahedralize
 
 

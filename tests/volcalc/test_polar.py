@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quantify_client.errors import InputError
-from quantify_client.volcalc.paper.polar import polar_volume
+from quantify_client.volcalc.paper import polar_volume
 
 EAST, NORTH, HIGH = 576_710.5, 5_188_139.0, 160.25
 

@@ -8,7 +8,7 @@ import shapely
 from scipy.spatial import Delaunay
 from shapely.geometry import Point, Polygon, box
 
-from quantify_client.volcalc.terrain.cells import cell_fractions, polygons_of
+from quantify_client.volcalc.terrain.grid import cell_fractions, polygons_of
 from quantify_client.volcalc.terrain.rim import interpolation_along, sample_rim
 
 from .grounds import CELL, EAST, LEVEL, NORTH, at_site, ground_under

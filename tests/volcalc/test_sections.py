@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from quantify_client.volcalc.body import tetrahedra
+from quantify_client.volcalc.body import sections, tetrahedra
 from quantify_client.volcalc.body.sections import surface_of
 from quantify_client.volcalc.body.tetrahedra import tetrahedralize
 
@@ -238,3 +238,13 @@ def test_a_body_and_what_is_left_around_it_fill_the_space(seed, ground):
     at = np.array([LEVEL + ground])
     np.testing.assert_allclose(surface.volume_below(at), whole.volume_below(at), rtol=1e-10)
     np.testing.assert_allclose(surface.areas(at - 0.1), whole.areas(at - 0.1), rtol=1e-9)
+
+
+def test_triangles_in_blocks_sum_to_all_of_them(monkeypatch):
+    levels = LEVEL + np.linspace(-0.5, 0.5, 12)
+    surface = torus(True)
+    whole = (surface.volume(), surface.area(), surface.volume_below(levels), surface.areas(levels))
+    monkeypatch.setattr(sections, "_BLOCK", 1000)
+    parts = (surface.volume(), surface.area(), surface.volume_below(levels), surface.areas(levels))
+    for one, other in zip(whole, parts):
+        np.testing.assert_allclose(other, one, rtol=1e-9, atol=1e-12)

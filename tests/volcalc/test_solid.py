@@ -10,8 +10,10 @@ from scans import OFFSET, Flaws, scan, volume_of
 from solids import BODIES, ball_part, box_part, cup, hollow_ball, mixed, sphere
 
 from quantify_client.errors import InputError
-from quantify_client.volcalc.body.measure import SolidRecipe, measure_solid
+from quantify_client.types import Notice
+from quantify_client.volcalc.body.measure import measure_body
 from quantify_client.volcalc.body.voxels import Thinned
+from quantify_client.volcalc.slices import BodyRecipe
 
 # Bodies as a command measures them run on every Python in test_body_command.py.
 pytestmark = pytest.mark.one_python
@@ -52,7 +54,7 @@ def assert_consistent(result):
     squares = sum(item.std_m3**2 for item in result.budget)
     assert result.std_m3 == pytest.approx(np.sqrt(squares), rel=1e-9)
     assert len(result.solid.outlines) == len(result.slices)
-    assert all("\n" not in line for line in result.warnings)
+    assert all(isinstance(line, Notice) and "\n" not in line for line in result.warnings)
 
 
 # --- slices
@@ -234,7 +236,7 @@ def test_the_ground_factor_divides_the_volume_by_its_square(factor):
     grid = (points - here) * [factor, factor, 1.0] + here
     counts = np.ones(len(points), dtype=np.int64)
     on_ground, on_grid, corrected = (
-        measure_solid("ball", Thinned(some, counts, 0.0), SolidRecipe(ground_factor=k)).volume_m3
+        measure_body("ball", Thinned(some, counts, 0.0), BodyRecipe(ground_factor=k)).volume_m3
         for some, k in [(points, 1.0), (grid, 1.0), (grid, factor)]
     )
     assert corrected == pytest.approx(on_ground, rel=1e-6)
@@ -247,19 +249,19 @@ def test_the_ground_factor_divides_the_volume_by_its_square(factor):
 def test_thinned_points_are_counted_and_told():
     points = scanned("sphere", 3000)
     cloud = Thinned(points, np.full(3000, 4), 0.01)
-    result = measure_solid("ball", cloud, SolidRecipe())
+    result = measure_body("ball", cloud, BodyRecipe())
     assert result.name == "ball"
     assert result.points_used == 12_000
     assert any("12,000 points were thinned to 3,000" in line for line in result.warnings)
 
 
-def test_strays_are_counted_and_many_are_told():
+def test_outliers_are_counted_and_many_are_told():
     few, many = (volume_of(scanned("sphere", 3000, outliers=share)) for share in (0.01, 0.06))
     assert few.volume_m3 == pytest.approx(BALL, rel=0.01)
     assert 18 <= few.points_left_out["stray"] <= 30
-    assert not any("strays" in line for line in few.warnings)
+    assert not any("outliers" in line for line in few.warnings)
     assert many.volume_m3 == pytest.approx(BALL, rel=0.015)
-    assert any("of the points are strays" in line for line in many.warnings)
+    assert any("of the points are outliers" in line for line in many.warnings)
 
 
 def test_thin_walls_are_told():
@@ -307,7 +309,7 @@ def test_few_points_are_measured_or_refused(count, seed, floor, options):
 def test_too_few_and_flat_points_are_an_error_in_one_line(points, words):
     cloud = Thinned(points + OFFSET, np.ones(len(points), dtype=np.int64), 0.0)
     with pytest.raises(InputError, match=words) as refused:
-        measure_solid("body", cloud, SolidRecipe(floor="none"))
+        measure_body("body", cloud, BodyRecipe(floor="none"))
     assert "\n" not in str(refused.value)
 
 

@@ -7,8 +7,7 @@ import pytest
 from scans import OFFSET, Flaws, scan
 from solids import cup, hollow_ball, sphere, two_spheres
 
-from quantify_client.volcalc.body.pockets import find_pockets
-from quantify_client.volcalc.body.spaces import find_spaces
+from quantify_client.volcalc.body.spaces import find_pockets, find_spaces
 from quantify_client.volcalc.body.tetrahedra import tetrahedralize
 
 

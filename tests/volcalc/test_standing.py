@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from solids import box_part, cube, sphere
 
 from quantify_client.errors import InputError
-from quantify_client.volcalc.body.standing import on_lowest_points, stand
+from quantify_client.volcalc.body.floor import on_lowest_points, stand
 
 COUNT = 2000
 
@@ -25,11 +25,11 @@ def stood(points, floor, counts=None):
     """Stand the points, and check that none is lost."""
     counts = np.ones(len(points), dtype=np.int64) if counts is None else counts
     found = stand(points, counts, floor)
-    kept = len(found.points) + len(found.ground) + len(found.strays)
+    kept = len(found.points) + len(found.ground) + len(found.outliers)
     assert kept == len(points)
-    total = found.counts.sum() + found.ground_count + found.stray_count
+    total = found.counts.sum() + found.ground_count + found.outlier_count
     assert total == counts.sum()
-    together = np.vstack([found.points, found.ground, found.strays])
+    together = np.vstack([found.points, found.ground, found.outliers])
     away = cKDTree(points).query(found.as_found(together))[0]
     assert away.max() < 1e-9
     return found
@@ -78,7 +78,7 @@ def test_a_body_without_ground_is_left_as_it_is(body, floor):
     found = stood(points, floor)
     assert found.floor is None
     assert found.pose is None
-    assert (found.ground_count, found.stray_count, len(found.lid)) == (0, 0, 0)
+    assert (found.ground_count, found.outlier_count, len(found.lid)) == (0, 0, 0)
     np.testing.assert_array_equal(found.points, points)
 
 
@@ -86,15 +86,15 @@ def test_ground_is_body_when_no_floor_is_wanted():
     assert len(stood(standing_scan(), "none").points) > 1.5 * COUNT
 
 
-def test_strays_are_left_out_and_counted():
+def test_outliers_are_left_out_and_counted():
     points = standing_scan(outliers=0.01)
     clean = len(stood(standing_scan(), "auto").points)
     counts = np.arange(1, len(points) + 1)
     found = stood(points, "auto", counts)
     # Some lie below the floor and count as ground; those in the way of the surface stay.
-    assert 3 <= len(found.strays) <= 0.012 * COUNT
+    assert 3 <= len(found.outliers) <= 0.012 * COUNT
     assert len(found.points) == pytest.approx(clean, rel=0.01)
-    assert found.stray_count >= len(found.strays)
+    assert found.outlier_count >= len(found.outliers)
 
 
 def test_a_wanted_plane_that_is_not_there_is_an_error_in_one_line():

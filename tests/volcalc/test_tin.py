@@ -7,15 +7,15 @@ import pytest
 import shapely
 from shapely.geometry import Point, Polygon, box
 
-from quantify_client.volcalc.terrain.cells import cell_fractions, polygons_of
-from quantify_client.volcalc.terrain.rim import sample_rim
-from quantify_client.volcalc.terrain.tin import (
+from quantify_client.volcalc.terrain.accumulate import (
     MAX_POINTS,
     PointSample,
     first_of,
     priority,
-    tin_integral,
 )
+from quantify_client.volcalc.terrain.grid import cell_fractions, polygons_of
+from quantify_client.volcalc.terrain.rim import sample_rim
+from quantify_client.volcalc.terrain.tin import tin_integral
 
 from .grounds import EAST, LEVEL, NORTH, at_site, ground_under
 
@@ -83,7 +83,7 @@ def test_a_cone_s_prisms_are_its_volume():
     assert integrals(SHAPES["circle"], cone) == pytest.approx(np.pi * 25, rel=5e-3)
 
 
-def test_strays_are_no_nodes():
+def test_outliers_are_no_nodes():
     heights = ground_under(SQUARE, lambda x, y: 0 * x)
     rim = sample_rim(polygons_of(SQUARE), heights, cell_fractions(SQUARE, heights.window))
     xy = places()

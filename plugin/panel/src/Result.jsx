@@ -7,7 +7,7 @@ import { _, fill } from "./gettext";
 import { NameField, Rename } from "./Naming";
 import { Bases, Budget, Details, Legend } from "./ResultParts";
 import { percent } from "./units";
-import { baseName, when } from "./words";
+import { baseName, warningWords, when } from "./words";
 import { Button, Fold, Icon, IconButton, Notice } from "./ui";
 
 export default class Result extends Acting {
@@ -33,7 +33,7 @@ export default class Result extends Acting {
           {result.error
             ? <Notice kind="error">{units.sentence(result.error)}</Notice>
             : this.renderResult(result)}
-          {(measurement.warnings || []).map((words) => (
+          {warningWords(measurement).map((words) => (
             <Notice key={words} kind="warning">{units.sentence(words)}</Notice>
           ))}
           <Details doc={doc} units={units} />
@@ -134,7 +134,7 @@ export default class Result extends Acting {
         <dl className="vc-facts">{this.facts(result).map(([word, value]) => (
           <div key={word}><dt>{word}</dt><dd>{value}</dd></div>
         ))}</dl>
-        {(result.warnings || []).map((words) => (
+        {warningWords(result).map((words) => (
           <Notice key={words} kind="warning">{units.sentence(words)}</Notice>
         ))}
         {result.slices && result.slices.length ? <Chart result={result} terrain={terrain} units={units} /> : null}

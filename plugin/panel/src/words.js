@@ -21,6 +21,11 @@ export function baseName(base, units) {
     : String(base);
 }
 
+/** The sentences of warnings; before quantify-client/2 a warning was nothing else. */
+export function warningWords(part) {
+  return (part.warnings || []).map((warning) => (typeof warning === "string" ? warning : String(warning.text)));
+}
+
 export const UNITS = [
   ["m", () => _("Metres")],
   ["cm", () => _("Centimetres")],

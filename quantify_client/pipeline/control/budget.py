@@ -42,19 +42,17 @@ def with_scale(
     ----------
     again : measures the same in another frame.
     """
-    ratio = placement.ratio
+    relative = placement.relative_std
     others = _others(placement, again) if _stays(options) else []
     results = []
     for index, result in enumerate(measurement.results):
         if isinstance(result, AreaResult):
-            shares = [_cubic(result, ratio)]
-            if others:
-                shares = [
-                    _by_derivative(result, other.results[index], step, shares[0])
-                    for other, step in others
-                ]
-            net, cut, fill = (math.hypot(*column) for column in zip(*shares))
-            result = _grown(result, (net, cut, fill), ratio, options.density)
+            cubic = _cubic(result, relative)
+            shares = [
+                _by_difference(result, other.results[index], step, cubic) for other, step in others
+            ]
+            net, cut, fill = (math.hypot(*column) for column in zip(*(shares or [cubic])))
+            result = _with_item(result, (net, cut, fill), relative, options.density)
         results.append(result)
     return replace(measurement, results=tuple(results), scale=placement.scaling)
 
@@ -63,8 +61,8 @@ def _others(
     placement: Placement, again: Callable[[Frame], Measurement]
 ) -> List[Tuple[Measurement, float]]:
     """Return measurements in changed frames, and by what each difference is to be multiplied."""
-    change = max(_CHANGE, 3.0 * placement.ratio)
-    out = [(again(placement.resized(change)), placement.ratio / change)]
+    change = max(_CHANGE, 3.0 * placement.relative_std)
+    out = [(again(placement.resized(change)), placement.relative_std / change)]
     for axis, std in enumerate(placement.fit.place_std_m):
         if std > 0.0:
             by = max(std, _MOVE_M)
@@ -73,48 +71,47 @@ def _others(
 
 
 def _stays(options: Options) -> bool:
-    """Whether anything was surveyed that does not grow with the cloud."""
+    """Return whether anything was surveyed that does not grow with the cloud."""
     level = isinstance(options.base, (int, float)) or isinstance(options.floor, (int, float))
     return options.area_frame == "control" and (options.area is not None or level)
 
 
-def _cubic(result: AreaResult, ratio: float) -> Shares:
-    volumes = result.volume_m3, result.cut_m3 or 0.0, result.fill_m3 or 0.0
-    net, cut, fill = (_DIMENSIONS * ratio * abs(volume) for volume in volumes)
+def _volumes(result: AreaResult) -> Shares:
+    return result.volume_m3, result.cut_m3 or 0.0, result.fill_m3 or 0.0
+
+
+def _cubic(result: AreaResult, relative: float) -> Shares:
+    net, cut, fill = (_DIMENSIONS * relative * abs(volume) for volume in _volumes(result))
     return net, cut, fill
 
 
-def _by_derivative(result: AreaResult, other: object, step: float, fallback: Shares) -> Shares:
-    """Return the change of each volume; where the other scale has no result, the cubic's."""
+def _by_difference(result: AreaResult, other: object, step: float, fallback: Shares) -> Shares:
+    """Return the change of each volume; the cubic's where the other scale has no result."""
     if not isinstance(other, AreaResult):
         return fallback
-    pairs = (
-        (result.volume_m3, other.volume_m3),
-        (result.cut_m3, other.cut_m3),
-        (result.fill_m3, other.fill_m3),
-    )
-    net, cut, fill = (abs((b or 0.0) - (a or 0.0)) * step for a, b in pairs)
+    pairs = zip(_volumes(result), _volumes(other))
+    net, cut, fill = (abs(changed - volume) * step for volume, changed in pairs)
     return net, cut, fill
 
 
-def _grown(
-    result: AreaResult, shares: Shares, ratio: float, density: Optional[float]
+def _with_item(
+    result: AreaResult, shares: Shares, relative: float, density: Optional[float]
 ) -> AreaResult:
     net, cut, fill = shares
-    volume_share = net if result.cut_m3 is None else cut
     mass_std = result.mass_std_t
     if mass_std is not None and density is not None:
-        mass_std = math.hypot(mass_std, density * volume_share)
+        mass_std = math.hypot(mass_std, density * (net if result.cut_m3 is None else cut))
+    bases = (_with_item(row, _cubic(row, relative), relative, None) for row in result.bases)
     return replace(
         result,
         budget=(*result.budget, BudgetItem("scale", net, cut, fill)),
+        mass_std_t=mass_std,
+        bases=tuple(bases),
         std_m3=_joined(result.std_m3, net),
         cut_std_m3=_joined(result.cut_std_m3, cut),
         fill_std_m3=_joined(result.fill_std_m3, fill),
-        mass_std_t=mass_std,
-        bases=tuple(_grown(row, _cubic(row, ratio), ratio, None) for row in result.bases),
     )
 
 
-def _joined(std: Optional[float], more: float) -> Optional[float]:
-    return None if std is None else math.hypot(std, more)
+def _joined(std: Optional[float], share: float) -> Optional[float]:
+    return None if std is None else math.hypot(std, share)

@@ -1,23 +1,32 @@
-"""scale(): a cloud made true to size by its control, and written so."""
+"""scale(): a cloud made true to size by its control, and written so, with polygons beside it."""
 
 from __future__ import annotations
 
+import json
 import time
+from dataclasses import dataclass
 from datetime import datetime, timezone
+from itertools import product
 from pathlib import Path
 from typing import Any, Callable, Optional, Sequence, Tuple, Union
 
+import numpy as np
+import shapely
+
+from ...areas.read import Area
 from ...cloud.writing import RewriteReport, require_rewritable, rewrite_cloud
 from ...crs import Frame, measuring_frame
-from ...errors import UsageError
+from ...errors import AreaError, UsageError
+from ...files.reading import real_path
 from ...files.writing import require_replaceable
-from ...options import check_options
+from ...options import Options, read_options
+from ...report.document.geojson import outlines_document
 from ...sfm.servers.access import Access
 from ...source import Source, open_source
-from ...types import Bounds, FloatArray, Options, Scaled
+from ...types import AreaFailure, Bounds, FloatArray, Notice, Scaled
 from ..common import cloud_warnings, provenance
+from ..drawn import drawn_areas
 from ..streaming import Progress
-from .moved import Moving, areas_beside, moved_areas, no_longer_fits
 from .place import Placement, place_cloud
 
 __all__ = ["scale"]
@@ -61,27 +70,20 @@ def scale(
     QuantifyError
         One line that says what was found, what was expected and what to do.
     """
+    options = read_options(locals())
     started, clock = datetime.now(timezone.utc), time.perf_counter()
-    asked = Options(
-        gcp=gcp,
-        area=area,
-        scale_mode=scale_mode,
-        crs=crs,
-        source_unit=source_unit,
-        vertical_unit=vertical_unit,
-    )
-    options = check_options(asked)
     report = progress or (lambda stage, share: None)
-    _require_places(out, [*map(Path, sources), Path(gcp)], area)
+    target = None if out is None else Path(out)
+    _require_free(target, [*map(Path, sources), Path(gcp)], area)
     with open_source(
         list(sources), cameras=True, access=access, progress=report, options=options
     ) as source:
         info = source.cloud.info
         frame = measuring_frame(info.crs, source_unit, info.bounds)
-        if out is not None:
-            require_rewritable(source.files, Path(out))
+        if target is not None:
+            require_rewritable(source.files, target)
         placement = place_cloud(source, frame, options)
-        moving = _moving(source, placement, options, out, report)
+        moving = _moving(source, placement, options, target, report)
 
         def result(more: Sequence[str] = ()) -> Scaled:
             seconds = time.perf_counter() - clock
@@ -99,32 +101,15 @@ def scale(
             names = [] if beside is None else list(beside(result(cloud.warnings), folder))
             return [*names, *moving.write(placement.frame, folder)]
 
-        if out is None:
+        if target is None:
             return result()
-        return _write(source, placement, Path(out), report, result, companions)
+        return result(_write(source, placement, target, report, companions))
 
 
-def _moving(
-    source: Source,
-    placement: Placement,
-    options: Options,
-    out: Optional[Union[str, Path]],
-    report: Progress,
-) -> Moving:
-    """Return what becomes of polygons of the delivered cloud."""
-    if out is None:
-        return Moving()
-    if options.area is None:
-        return Moving(notes=(no_longer_fits(placement.frame, placement.bounds),))
-    return moved_areas(source, placement.frame, options, Path(out), report)
-
-
-def _require_places(
-    out: Optional[Union[str, Path]], inputs: Sequence[Path], area: Optional[Any]
-) -> None:
+def _require_free(out: Optional[Path], inputs: Sequence[Path], area: Optional[Any]) -> None:
     """Raise where a result has no place, or would replace what is not ours, or an input."""
     if out is not None:
-        require_rewritable(inputs, Path(out))
+        require_rewritable(inputs, out)
     if area is None:
         return
     if out is None:
@@ -132,7 +117,13 @@ def _require_places(
             "--area goes with --out FILE.laz: the moved polygons are written beside it"
         )
     given = [*inputs, area] if isinstance(area, (str, Path)) else inputs
-    require_replaceable(areas_beside(Path(out)), given)
+    require_replaceable(_areas_beside(out), given)
+
+
+def _areas_beside(out: Path) -> Path:
+    """Return where moved polygons go: beside the cloud itself, also where a link leads to it."""
+    real = real_path(out) if out.is_symlink() else out
+    return real.with_name(f"{out.stem}-areas.geojson")
 
 
 def _write(
@@ -140,10 +131,10 @@ def _write(
     placement: Placement,
     out: Path,
     report: Progress,
-    result: Callable[[Sequence[str]], Scaled],
     companions: Callable[[RewriteReport, Path], Sequence[str]],
-) -> Scaled:
-    frame, info = placement.frame, source.cloud.info
+) -> Sequence[str]:
+    """Write the cloud through its transform; return warnings."""
+    frame, own = placement.frame, source.cloud.info.crs
 
     def move(
         x: FloatArray, y: FloatArray, z: FloatArray
@@ -151,34 +142,94 @@ def _write(
         x, y, z = frame.to_frame(x, y, z)
         return x / frame.unit_m, y / frame.unit_m, z / frame.z_unit_m
 
-    written = rewrite_cloud(
-        source.files,
-        out,
-        move,
-        _in_own_units(frame, placement.bounds),
-        _crs(frame, info.crs),
-        report,
-        companions,
+    box = frame.bounds_to_frame(placement.bounds)
+    unit, z_unit = frame.unit_m, frame.z_unit_m
+    low_z, high_z = sorted((box.min_z / z_unit, box.max_z / z_unit))
+    bounds = Bounds(
+        *(box.min_x / unit, box.min_y / unit, low_z),
+        *(box.max_x / unit, box.max_y / unit, high_z),
     )
-    return result(written.warnings)
-
-
-def _in_own_units(frame: Frame, bounds: Bounds) -> Bounds:
-    box = frame.bounds_to_frame(bounds)
-    low_z, high_z = sorted((box.min_z / frame.z_unit_m, box.max_z / frame.z_unit_m))
-    x, y = (
-        (box.min_x / frame.unit_m, box.max_x / frame.unit_m),
-        (
-            box.min_y / frame.unit_m,
-            box.max_y / frame.unit_m,
-        ),
-    )
-    return Bounds(x[0], y[0], low_z, x[1], y[1], high_z)
-
-
-def _crs(frame: Frame, own: Optional[str]) -> Optional[str]:
-    """Return the cloud's own CRS, heights included, where it keeps it."""
-    if frame.crs is None:
-        return None
+    # A cloud that keeps its CRS keeps it whole, heights included.
     keeps = frame.crs == frame.delivered.crs and frame.delivered.geographic_crs is None
-    return own if keeps else frame.grid
+    crs = None if frame.crs is None else own if keeps else frame.grid
+    return rewrite_cloud(source.files, out, move, bounds, crs, report, companions).warnings
+
+
+@dataclass(frozen=True)
+class _Moving:
+    """Polygons on their way to beside a scaled cloud.
+
+    Attributes
+    ----------
+    path : where they go; None where none are given.
+    failures : those that cannot be moved.
+    notes : what is worth saying, one line each.
+    """
+
+    path: Optional[Path] = None
+    areas: Sequence[Area] = ()
+    failures: Tuple[AreaFailure, ...] = ()
+    notes: Sequence[str] = ()
+
+    def write(self, frame: Frame, folder: Path) -> Sequence[str]:
+        """Write them in the coordinates of the scaled cloud; return the names of the files."""
+        if self.path is None:
+            return []
+        outlines = [
+            (
+                {**area.properties, "name": area.name},
+                shapely.transform(area.polygon, lambda xy: xy / frame.unit_m),
+            )
+            for area in self.areas
+        ]
+        crs = frame.crs if frame.crs is None or frame.crs.startswith("EPSG:") else frame.grid
+        text = json.dumps(outlines_document(outlines, crs), allow_nan=False)
+        (folder / self.path.name).write_text(text, encoding="utf-8")
+        return [self.path.name]
+
+
+def _moving(
+    source: Source,
+    placement: Placement,
+    options: Options,
+    out: Optional[Path],
+    report: Progress,
+) -> _Moving:
+    """Return what becomes of polygons of the delivered cloud.
+
+    Raises
+    ------
+    AreaError
+        The file cannot be read, or none of its polygons can be moved.
+    """
+    if out is None:
+        return _Moving()
+    if options.area is None:
+        return _Moving(notes=[_no_longer_fits(placement)])
+    found = drawn_areas(source, placement.frame, options, report)
+    failures = tuple(area for area in found.areas if isinstance(area, AreaFailure))
+    areas = [area for area in found.areas if isinstance(area, Area)]
+    if not areas:
+        raise AreaError(f"{failures[0].name}: {failures[0].error}; no polygon can be moved")
+    return _Moving(_areas_beside(out), areas, failures, found.warnings)
+
+
+def _no_longer_fits(placement: Placement) -> Notice:
+    """Return what a scaled cloud no longer goes with, and by how much."""
+    frame, values = placement.frame, {}
+    where = "lies in a CRS of its own now" if frame.crs is not None else "has another frame now"
+    if frame.crs == frame.delivered.crs and frame.delivered.geographic_crs is None:
+        box = frame.delivered.bounds_to_frame(placement.bounds)
+        corners = np.array(
+            list(product((box.min_x, box.max_x), (box.min_y, box.max_y), (box.min_z, box.max_z)))
+        )
+        there = frame.matrix
+        apart = corners @ there[:3, :3].T + there[:3, 3] - corners
+        values["moved_m"] = float(np.linalg.norm(apart, axis=1).max())
+        where = f"has points up to {values['moved_m']:.3g} m from where they were"
+    text = (
+        f"polygons, elevations and control places ('cloud:') of the delivered cloud no longer fit "
+        f"the scaled one, which {where}: --area FILE writes the polygons moved with it; or measure "
+        "the delivered cloud with --gcp, which moves them itself"
+    )
+    return Notice("cloud-moved-from-polygons", text, **values)

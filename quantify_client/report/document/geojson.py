@@ -9,10 +9,8 @@ from shapely.geometry.polygon import orient
 
 from ...errors import CrsError
 from ...files.writing import GENERATOR
-from ...types import AreaFailure, AreaResult, Measurement
-from .flat import flat_properties
-from .measurement import to_json
-from .plain import plain
+from ...types import AreaFailure, AreaResult, Measurement, plain
+from .measurement import flat_properties, to_json
 
 if TYPE_CHECKING:
     from ...crs import Frame
@@ -34,40 +32,19 @@ def to_geojson(measurement: Measurement) -> Dict[str, Any]:
     """
     frame: Optional[Frame] = measurement.frame
     if frame is None or frame.crs is None:
-        frame, remark = None, CLOUD_COORDINATES
-    else:
-        remark = _why_not_wgs84(measurement, frame)
-        frame = None if remark else frame
-    rows = to_json(measurement)["results"]
-    features = [
-        _feature(result, row, frame, remark) for result, row in zip(measurement.results, rows)
-    ]
-    collection: Dict[str, Any] = {"type": "FeatureCollection", "generator": GENERATOR}
-    if remark:
-        collection["coordinate_reference"] = remark
-    return {**collection, "features": features}
-
-
-def _why_not_wgs84(measurement: Measurement, frame: Frame) -> str:
-    """Return "" when the areas can be transformed, else words: a report is not lost for it."""
+        frame = None
+    results, remark = measurement.results, "" if frame else CLOUD_COORDINATES
     try:
-        for result in measurement.results:
-            _geometry(result, frame)
-    except CrsError as error:
-        return f"cloud coordinates: {error}"
-    return ""
-
-
-def _feature(
-    result: Union[AreaResult, AreaFailure],
-    row: Dict[str, Any],
-    frame: Optional[Frame],
-    remark: str,
-) -> Dict[str, Any]:
-    properties = flat_properties(row)
-    if remark:
-        properties["coordinate_reference"] = remark
-    return {"type": "Feature", "geometry": _geometry(result, frame), "properties": properties}
+        geometries = [_geometry(result, frame) for result in results]
+    except CrsError as error:  # a report is not lost for it
+        remark = f"cloud coordinates: {error}"
+        geometries = [_geometry(result, None) for result in results]
+    said = {"coordinate_reference": remark} if remark else {}
+    features = [
+        {"type": "Feature", "geometry": geometry, "properties": {**flat_properties(row), **said}}
+        for geometry, row in zip(geometries, to_json(measurement)["results"])
+    ]
+    return {"type": "FeatureCollection", "generator": GENERATOR, **said, "features": features}
 
 
 def _geometry(

@@ -5,12 +5,13 @@ from __future__ import annotations
 import csv
 from typing import TextIO
 
-from ...types import AreaResult, Measurement
+from ...types import AreaResult, Measurement, Slice
+from ...types.records import record_of
 from ..wording.words import encodable
 
 __all__ = ["COLUMNS", "harmless_cell", "write_slices"]
 
-COLUMNS = ("name", "z_m", "height_m", "area_m2", "volume_m3", "points")
+COLUMNS = ("name", *record_of(Slice).fields)
 # A spreadsheet takes a text that starts with one of these for a formula and runs it.
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n")
 
@@ -39,13 +40,13 @@ def write_slices(measurement: Measurement, file: TextIO) -> None:
         if isinstance(result, AreaResult):
             name = harmless_cell(encodable(result.name))
             for piece in result.slices:
-                numbers = (piece.z_m, piece.height_m, piece.area_m2, piece.volume_m3)
-                writer.writerow([name, *(_number(n) for n in numbers), int(piece.points)])
+                row = record_of(Slice).write(piece)
+                writer.writerow([name, *(_number(value) for value in row.values())])
 
 
 def _number(value: float) -> float:
     """Return a number without the last digits, which are rounding: 0.3, not 0.30000000000000004.
 
-    Twelve digits tell a cubic kilometre to a litre.
+    Twelve digits tell a cubic kilometre to a litre; a count is left as it is.
     """
-    return float(f"{value:.12g}")
+    return value if isinstance(value, int) else float(f"{value:.12g}")

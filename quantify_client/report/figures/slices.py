@@ -8,8 +8,7 @@ from typing import Any, List, Sequence
 import numpy as np
 from matplotlib.collections import PolyCollection
 
-from ...types import AreaResult, Slice, Solid
-from ..document.measurement import interval95
+from ...types import AreaResult, Slice, Solid, interval95
 from ..wording.units import Units, number
 from ..wording.words import is_terrain
 from .body import Section, draw_badge

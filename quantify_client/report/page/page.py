@@ -12,8 +12,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple, Union
 
-from ...types import AreaFailure, AreaResult, Measurement, Scaling
-from ..document.plain import plain
+from ...types import AreaFailure, AreaResult, Measurement, Scaling, plain
 from ..wording.notices import in_units, kind_of, lines_of_kinds, warnings_of_results
 from ..wording.scaling import factor_words
 from ..wording.units import NOTHING, Units

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from typing import List, Optional, Sequence, Tuple
 
-from ...types import AreaResult, Check
-from ..document.measurement import interval95
+from ...types import AreaResult, Check, interval95
 from ..wording.units import NOTHING, Units, count, number, plus_minus
 from ..wording.words import (
     base_words,

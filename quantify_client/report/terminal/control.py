@@ -8,20 +8,17 @@ from typing import Any, Dict, Sequence
 from rich.console import Console
 from rich.table import Table
 
-from ...types import ControlAccount
-from ..document.plain import plain
+from ...types import SCHEMA, ControlAccount, plain, warnings_json
 from ..wording.units import named_units
 from ..wording.words import printable
 
 __all__ = ["control_document", "print_control"]
 
-SCHEMA = "quantify-client/1"
-
 
 def control_document(account: ControlAccount) -> Dict[str, Any]:
     """Return the document of the ``gcp`` command; keys are the fields of `ControlAccount`."""
-    document = {"schema": SCHEMA, **dataclasses.asdict(account)}
-    return {key: plain(value) for key, value in document.items()}
+    document = {"schema": SCHEMA, **plain(dataclasses.asdict(account))}
+    return {**document, "warnings": warnings_json(account.warnings)}
 
 
 def print_control(account: ControlAccount, console: Console, *, units: str = "metric") -> None:

@@ -119,7 +119,7 @@ def _observation(parts: Sequence[ScaleObservation]) -> Observation:
     largest = max(sizes, key=abs, default=None)
     redundancies = _known([part.redundancy for part in parts])
     redundancy = sum(redundancies) / len(redundancies) if redundancies else None
-    shares = _known([part.carries for part in parts])
+    shares = _known([part.contribution for part in parts])
     if outlier:
         grade = "bad"
     elif largest is None or (redundancy is not None and redundancy < UNCONTROLLED):

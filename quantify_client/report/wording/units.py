@@ -10,10 +10,9 @@ from dataclasses import dataclass
 from typing import Optional
 
 from ...errors import InputError
-from ...types import Measurement
+from ...types import INTERVAL95, Measurement
 
 __all__ = [
-    "INTERVAL95",
     "MINUS",
     "NOTHING",
     "THIN_SPACE",
@@ -27,7 +26,6 @@ __all__ = [
     "plus_minus",
 ]
 
-INTERVAL95 = 1.96  # half width of a 95 % interval, in standard deviations
 THIN_SPACE = "\u202f"  # the narrow space that does not break: a number stays on one line
 MINUS = "\u2212"
 NOTHING = "\u2013"

@@ -1,21 +1,22 @@
-"""A control file's content -> the network to be adjusted, with what nobody said filled in."""
+"""A control file's content -> the network to be adjusted, with default accuracies filled in."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
 from ...crs import LocalFrame
 from ...types import FloatArray
-from ..control.model import Control, ControlPoint
+from ...types.notice import Notice
+from ..control.model import Control
 from .network import Network
 
 __all__ = ["CloudPlace", "build_network", "reference_elevation"]
 
-#: Sigmas that are taken, and told, where the control file does not give them: metres.
+#: Sigmas that are taken, and reported, where the control file does not give them: metres.
 _GPS_M, _ELEVATION_M, _TAPE_M = 3.0, 0.05, 0.01
 
 #: A sigma smaller than this is not believed, nor would the equations stand it.
@@ -24,10 +25,16 @@ _LEAST_M = 1e-6
 
 @dataclass(frozen=True)
 class CloudPlace:
-    """Where a point is in the cloud: (3,) and (3, 3), in the cloud's local metres."""
+    """Where a point is in the cloud: (3,) and (3, 3), in metres."""
 
     xyz: FloatArray
     covariance: FloatArray
+
+    def moved(self, matrix: FloatArray) -> CloudPlace:
+        """Return the same place moved by a (4, 4) matrix."""
+        linear = matrix[:3, :3]
+        covariance = np.asarray(linear @ self.covariance @ linear.T)
+        return CloudPlace(linear @ self.xyz + matrix[:3, 3], covariance)
 
 
 def reference_elevation(control: Control) -> Optional[float]:
@@ -41,26 +48,29 @@ def build_network(
     local: Optional[LocalFrame],
     level: float,
     cloud: Mapping[str, CloudPlace],
-) -> Tuple[Network, List[str]]:
-    """Return the network, and in words what was assumed.
+) -> Tuple[Network, List[Notice]]:
+    """Return the network, and warnings of what was assumed.
 
     Parameters
     ----------
     local : the frame of the positions; None when there are none.
     level : elevation of that frame's origin, in the control's (or the cloud's) own heights.
     """
-    names = tuple(dict.fromkeys([*control.points, *cloud, *_ends(control)]))
+    names = tuple(dict.fromkeys([*control.points, *cloud, *control.ends]))
     number = {name: index for index, name in enumerate(names)}
-    notes: List[str] = []
-    horizontal, horizontal_sigma = _positions(control, local, level, names, notes)
-    elevation, elevation_sigma = _elevations(control, level, names, notes)
-    places = np.full((len(names), 3), np.nan)
-    covariance = np.tile(np.eye(3), (len(names), 1, 1))
+    count, lengths = len(names), control.lengths
+    notes: List[Notice] = []
+    horizontal, horizontal_sigma = _positions(control, local, names, notes)
+    elevation, elevation_sigma = np.full(count, np.nan), np.ones(count)
+    levelled = [p for p in control.points.values() if p.elevation_m is not None]
+    rows = [number[point.name] for point in levelled]
+    elevation[rows] = [(point.elevation_m or 0.0) - level for point in levelled]
+    given = [point.elevation_accuracy_m for point in levelled]
+    elevation_sigma[rows] = _sigmas(given, _ELEVATION_M, "elevation", notes)
+    places, covariance = np.full((count, 3), np.nan), np.tile(np.eye(3), (count, 1, 1))
     for name, place in cloud.items():
         places[number[name]] = place.xyz
         covariance[number[name]] = place.covariance + _LEAST_M**2 * np.eye(3)
-    lengths = control.lengths
-    tapes = _filled([item.accuracy_m for item in lengths], _TAPE_M, "distance", notes)
     network = Network(
         names=names,
         horizontal=horizontal,
@@ -69,65 +79,41 @@ def build_network(
         elevation_sigma=elevation_sigma,
         cloud=places,
         cloud_covariance=covariance,
-        ends=np.array([[number[i.start], number[i.end]] for i in lengths], np.int64).reshape(-1, 2),
+        ends=np.array([number[name] for name in control.ends], np.int64).reshape(-1, 2),
         length=np.array([item.length_m for item in lengths], dtype=np.float64),
-        length_sigma=tapes,
+        length_sigma=_sigmas([item.accuracy_m for item in lengths], _TAPE_M, "distance", notes),
         bar=np.array([item.bar for item in lengths], dtype=bool),
         check=np.array([item.check for item in lengths], dtype=bool),
-        higher=np.array(
-            [0 if i.higher is None else (1 if i.higher == i.end else -1) for i in lengths], np.int64
-        ),
+        higher=np.array([(i.higher == i.end) - (i.higher == i.start) for i in lengths], np.int64),
         radius_m=math.inf if local is None else local.radius_m,
     )
     return network, notes
 
 
-def _ends(control: Control) -> List[str]:
-    return [name for item in control.lengths for name in (item.start, item.end)]
-
-
 def _positions(
-    control: Control,
-    local: Optional[LocalFrame],
-    level: float,
-    names: Sequence[str],
-    notes: List[str],
+    control: Control, local: Optional[LocalFrame], names: Sequence[str], notes: List[Notice]
 ) -> Tuple[FloatArray, FloatArray]:
-    """East and north, at the height of the frame's origin, and their sigmas."""
+    """Return (n, 2) east and north, at the height of the frame's origin, and (n,) their sigmas."""
     horizontal, sigma = np.full((len(names), 2), np.nan), np.ones(len(names))
-    placed = [(i, p) for i, p in enumerate(map(control.points.get, names)) if p and p.x is not None]
-    if not placed or local is None or control.crs is None:
+    positions = control.positions
+    if not positions or local is None or control.crs is None:
         return horizontal, sigma
-    index = [i for i, _ in placed]
-    x, y = np.array([[p.x, p.y] for _, p in placed], dtype=np.float64).T
+    x, y = np.array(list(positions.values()), dtype=np.float64).T
     # All at the height of the origin: what a point's own height adds is in the model.
     enu = local.to_local(x, y, np.full(len(x), local.height), control.crs)
-    horizontal[index] = enu[:, :2]
-    sigma[index] = _filled([p.accuracy_m for _, p in placed], _GPS_M, "position", notes)
+    rows = [names.index(name) for name in positions]
+    horizontal[rows] = enu[:, :2]
+    given = [control.points[name].accuracy_m for name in positions]
+    sigma[rows] = _sigmas(given, _GPS_M, "position", notes)
     return horizontal, sigma
 
 
-def _elevations(
-    control: Control, level: float, names: Sequence[str], notes: List[str]
-) -> Tuple[FloatArray, FloatArray]:
-    points: Dict[int, ControlPoint] = {
-        i: control.points[name] for i, name in enumerate(names) if name in control.points
-    }
-    known = {i: p for i, p in points.items() if p.elevation_m is not None}
-    elevation, sigma = np.full(len(names), np.nan), np.ones(len(names))
-    if known:
-        index = list(known)
-        elevation[index] = [(p.elevation_m or 0.0) - level for p in known.values()]
-        given = [p.elevation_accuracy_m for p in known.values()]
-        sigma[index] = _filled(given, _ELEVATION_M, "elevation", notes)
-    return elevation, sigma
-
-
-def _filled(
-    given: Sequence[Optional[float]], default: float, what: str, notes: List[str]
+def _sigmas(
+    given: Sequence[Optional[float]], default: float, what: str, notes: List[Notice]
 ) -> FloatArray:
     missing = sum(value is None for value in given)
     if missing:
         plural = f"{missing} {what}{'s have' if missing > 1 else ' has'}"
-        notes.append(f"{plural} no accuracy: {default:g} m (one sigma) is taken; give 'accuracy'")
+        text = f"{plural} no accuracy: {default:g} m (one sigma) is taken; give 'accuracy'"
+        notes.append(Notice("accuracy-assumed", text, what=what, count=missing, sigma_m=default))
     return np.array([max(default if v is None else v, _LEAST_M) for v in given], dtype=np.float64)

@@ -22,7 +22,7 @@ import numpy as np
 from ...types import DirectHeight, FloatArray
 from .network import Network
 
-__all__ = ["direct_height", "direct_heights", "relative_elevations"]
+__all__ = ["direct_height", "direct_heights", "fill_along_pairs", "relative_elevations"]
 
 #: Below this many of its sigmas D^2 - d^2 may be that of a level pair (one in 740 exceeds it).
 _STEEP = 3.0
@@ -43,42 +43,38 @@ def direct_height(
     ----------
     slope : D and its sigma, metres.
     ground : d, the horizontal distance on the ground at the site's height, and its sigma, metres.
-    sign : 1 when the second point is higher, -1 when the first is, 0 when nobody knows.
+    sign : 1 when the second point is higher, -1 when the first is, 0 when that is not known.
     """
     (length, length_sigma), (across, across_sigma) = slope, ground
-    square = length**2 - across**2
+    pair, square = f"{names[0]}-{names[1]}", length**2 - across**2
     noise = math.hypot(length * length_sigma, across * across_sigma)
-    square_sigma = 2.0 * noise
-    made = DirectHeight(names[0], names[1], length, across, None, None)
-    reach = _INTERVAL95 * square_sigma
-    interval = tuple(math.sqrt(max(square + side * reach, 0.0)) for side in (-1.0, 1.0))
+    reach = 2.0 * _INTERVAL95 * noise
+    low, high = (math.sqrt(max(square + side * reach, 0.0)) for side in (-1.0, 1.0))
+    made = DirectHeight(*names, length, across, None, None)
     if square <= 0.0:
         note = (
-            f"{names[0]}-{names[1]}: the tape ({length:.3f} m) is {across - length:.3f} m shorter "
-            f"than the ground between both positions ({across:.3f} m), so there is no elevation "
+            f"{pair}: the tape ({length:.3f} m) is {across - length:.3f} m shorter than the ground "
+            f"between both positions ({across:.3f} m), so there is no elevation difference"
         )
-        if square + reach > 0.0:
-            note += f"difference but one of at most {interval[1]:.2f} m that the sigmas allow"
-            return replace(made, interval_m=(0.0, interval[1]), note=note)
-        note += "difference; measure the pair again, or correct the positions"
-        return replace(made, note=note)
+        if high > 0.0:
+            note += f" but one of at most {high:.2f} m that the sigmas allow"
+            return replace(made, interval_m=(0.0, high), note=note)
+        return replace(made, note=f"{note}; measure the pair again, or correct the positions")
     height = math.sqrt(square)
-    std = noise / height
-    notes = []
-    if square < _STEEP * square_sigma:
-        made = replace(made, interval_m=(interval[0], interval[1]))
+    std, notes = noise / height, []
+    if square < _STEEP * 2.0 * noise:
+        made = replace(made, interval_m=(low, high))
         notes.append(
-            f"{names[0]}-{names[1]}: too level for its elevation difference to be told "
-            f"({height:.2f} m with a sigma of {std:.2f} m): it lies between {interval[0]:.2f} and "
-            f"{interval[1]:.2f} m"
+            f"{pair}: too level for its elevation difference to be determined ({height:.2f} m with "
+            f"a sigma of {std:.2f} m): it lies between {low:.2f} and {high:.2f} m"
         )
-    if sign == 0:
-        notes.append(
-            f"{names[0]}-{names[1]}: nothing tells which end is higher; add 'higher: "
-            f"{names[0]}' or 'higher: {names[1]}' to the distance"
-        )
-        return replace(made, note="; ".join(notes))
-    return replace(made, dz_m=sign * height, std_m=std, note="; ".join(notes))
+    if sign:
+        return replace(made, dz_m=sign * height, std_m=std, note="; ".join(notes))
+    notes.append(
+        f"{pair}: it is not known which end is higher; add 'higher: {names[0]}' or "
+        f"'higher: {names[1]}' to the distance"
+    )
+    return replace(made, note="; ".join(notes))
 
 
 def direct_heights(
@@ -88,7 +84,7 @@ def direct_heights(
 
     Parameters
     ----------
-    up : (n,) elevations as the cloud has them, for the sign where nobody noted it; NaN where
+    up : (n,) elevations as the cloud has them, for the sign where it was not noted; NaN where
         unknown. None when there is no cloud whose vertical is known.
     checks : also of lengths that are left out of the fit.
     """
@@ -100,15 +96,10 @@ def direct_heights(
         if sign == 0 and up is not None and np.isfinite(up[[start, end]]).all():
             sign = int(np.sign(up[end] - up[start]))
         across = float(np.linalg.norm(network.horizontal[end] - network.horizontal[start]))
-        sigma = math.hypot(*network.horizontal_sigma[[start, end]])
-        out.append(
-            direct_height(
-                (network.names[start], network.names[end]),
-                (float(network.length[number]), float(network.length_sigma[number])),
-                (across, sigma),
-                sign,
-            )
-        )
+        names = network.names[start], network.names[end]
+        slope = float(network.length[number]), float(network.length_sigma[number])
+        ground = across, math.hypot(*network.horizontal_sigma[[start, end]])
+        out.append(direct_height(names, slope, ground, sign))
     return out
 
 
@@ -137,3 +128,14 @@ def relative_elevations(
             if other not in found:
                 heapq.heappush(waiting, (variance + more, other, height + rise))
     return found
+
+
+def fill_along_pairs(network: Network, pairs: Sequence[DirectHeight], up: FloatArray) -> FloatArray:
+    """Return (n,) elevations, filled in along the pairs where they are NaN."""
+    out = up.copy()
+    for known in np.flatnonzero(np.isfinite(up)):
+        reached = relative_elevations(pairs, network.names[known])
+        for number in np.flatnonzero(np.isnan(out)):
+            if network.names[number] in reached:
+                out[number] = up[known] + reached[network.names[number]][0]
+    return out

@@ -7,20 +7,22 @@ cloud and the ground. All in a local frame: east, north, up, in metres.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
-from typing import Tuple
+from dataclasses import dataclass, replace
+from typing import Optional, Tuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ...types import FloatArray, IntArray
 
-__all__ = ["Freedom", "Model", "Network", "State"]
+__all__ = ["BoolArray", "Freedom", "Model", "Network", "State"]
 
-# What is not observed at all must not make the equations singular: so little is known of a point,
-# of the scale (its logarithm), of angles and of the shift before anything is observed. Everything
-# that is observed outweighs these by many powers of ten.
-_POINT_M, _LOG_SCALE, _ANGLE, _SHIFT_M = 1e4, 10.0, 10.0, 1e5
+BoolArray = npt.NDArray[np.bool_]
+
+# What is not observed at all must not make the equations singular. These are the standard
+# deviations of a point, an angle, the shift and the logarithm of the scale before anything is
+# observed: whatever is observed outweighs them by many powers of ten.
+_POINT_M, _ANGLE, _SHIFT_M, _LOG_SCALE = 1e4, 10.0, 1e5, 10.0
 
 
 @dataclass(frozen=True)
@@ -29,10 +31,10 @@ class Freedom:
 
     Attributes
     ----------
-    turn : 0 none, 1 the heading, 3 all three angles.
+    rotations : how many angles: 0, 1 (the heading) or 3.
     """
 
-    turn: int
+    rotations: int
     shift_xy: bool
     shift_z: bool
     scale: bool = True
@@ -65,38 +67,64 @@ class Network:
     ends: IntArray
     length: FloatArray
     length_sigma: FloatArray
-    bar: npt.NDArray[np.bool_]
-    check: npt.NDArray[np.bool_]
+    bar: BoolArray
+    check: BoolArray
     higher: IntArray
     radius_m: float = math.inf
 
     @property
-    def placed(self) -> npt.NDArray[np.bool_]:
+    def placed(self) -> BoolArray:
         """(n,) which points have a horizontal position."""
-        found: npt.NDArray[np.bool_] = np.isfinite(self.horizontal[:, 0])
-        return found
+        return np.asarray(np.isfinite(self.horizontal[:, 0]))
 
     @property
-    def levelled(self) -> npt.NDArray[np.bool_]:
+    def levelled(self) -> BoolArray:
         """(n,) which points have an elevation."""
-        found: npt.NDArray[np.bool_] = np.isfinite(self.elevation)
-        return found
+        return np.asarray(np.isfinite(self.elevation))
 
     @property
-    def clouded(self) -> npt.NDArray[np.bool_]:
+    def in_cloud(self) -> BoolArray:
         """(n,) which points are in the cloud."""
-        found: npt.NDArray[np.bool_] = np.isfinite(self.cloud[:, 0])
-        return found
+        return np.asarray(np.isfinite(self.cloud[:, 0]))
 
-    def spans(self) -> IntArray:
-        """Return the indices of the lengths that take part in the fit."""
+    @property
+    def in_both(self) -> BoolArray:
+        """(n,) which points have a position and are in the cloud."""
+        return self.placed & self.in_cloud
+
+    @property
+    def used_lengths(self) -> IntArray:
+        """Indices of the lengths that take part in the fit."""
         return np.flatnonzero(~self.check)
 
     @property
     def pivot(self) -> FloatArray:
         """(3,) the middle of the points in the cloud, zero where there is none."""
-        known = self.clouded
+        known = self.in_cloud
         return np.asarray(self.cloud[known].mean(axis=0)) if known.any() else np.zeros(3)
+
+    @property
+    def mean_elevation(self) -> float:
+        """The mean of the known elevations, zero where there is none."""
+        return float(self.elevation[self.levelled].mean()) if self.levelled.any() else 0.0
+
+    @property
+    def places(self) -> FloatArray:
+        """(n, 3) positions, at the mean elevation where their own is unknown."""
+        up = np.where(self.levelled, self.elevation, self.mean_elevation)
+        return np.column_stack([self.horizontal, up])
+
+    def with_lengths(self, chosen: BoolArray) -> Network:
+        """Return the network with some of its lengths."""
+        names = ("ends", "length", "length_sigma", "bar", "check", "higher")
+        return replace(self, **{name: getattr(self, name)[chosen] for name in names})
+
+    def with_positions(self, chosen: BoolArray) -> Network:
+        """Return the network with the positions and elevations of some of its points."""
+        horizontal = np.where(chosen[:, None], self.horizontal, np.nan)
+        return replace(
+            self, horizontal=horizontal, elevation=np.where(chosen, self.elevation, np.nan)
+        )
 
 
 @dataclass(frozen=True)
@@ -109,117 +137,99 @@ class State:
     shift: FloatArray
 
 
-@dataclass
 class Model:
-    """The equations of a network about a state.
+    """The equations of a network about a state, from which the unknowns count.
 
-    Rows: gps (2 a point), elevation, cloud (3 a point), lengths. ``kind``, ``group`` and
-    ``component`` are (rows,); a group is what was observed at once: a position, a point in the
-    cloud, a length. ``index`` is the point or the length. ``start``
-    is what the unknowns count from.
+    Attributes
+    ----------
+    kind : (rows,) ``"gps"`` (2 rows a point), ``"elevation"``, ``"cloud"`` (3 rows a point),
+        ``"distance"`` or ``"scale_bar"``.
+    group : (rows,) what was observed at once: a position, a point in the cloud, a length.
+    component : (rows,) which number of its group a row is.
+    index : (rows,) the point, or the length.
+    is_length, is_check : (rows,) whether it is of a length; of one that is left out of the fit.
+    observed, sigma : (rows,) what was observed, and its standard deviation.
+    prior_sigma : (size,) standard deviations of the unknowns before anything is observed.
+    size : the number of unknowns: three of each point, then the transform's.
+    shift_columns, angle_columns, scale_column : which unknowns are the shift (east, north, and up
+        where that is free), the angles, and the logarithm of the scale.
     """
 
-    network: Network
-    freedom: Freedom
-    start: State
-    kind: npt.NDArray[np.str_] = field(init=False)
-    group: IntArray = field(init=False)
-    component: IntArray = field(init=False)
-    index: IntArray = field(init=False)
-
-    def __post_init__(self) -> None:
-        net = self.network
-        gps, levels, cloud = (
-            np.flatnonzero(mask) for mask in (net.placed, net.levelled, net.clouded)
+    def __init__(self, network: Network, freedom: Freedom, start: State) -> None:
+        self.network, self.freedom, self.start = network, freedom, start
+        self._gps, self._levels, self._cloud = (
+            np.flatnonzero(mask) for mask in (network.placed, network.levelled, network.in_cloud)
         )
+        self._set_rows()
+        self._set_columns()
+
+    def _set_rows(self) -> None:
+        net, gps, levels, cloud = self.network, self._gps, self._levels, self._cloud
         lengths = np.arange(len(net.length))
-        kinds = np.where(net.bar, "scale_bar", "distance")
-        self.index = np.concatenate([np.repeat(gps, 2), levels, np.repeat(cloud, 3), lengths])
-        self.kind = np.concatenate(
-            [["gps"] * 2 * len(gps), ["elevation"] * len(levels), ["cloud"] * 3 * len(cloud), kinds]
-        ).astype(str)
         sizes = [2] * len(gps) + [1] * len(levels) + [3] * len(cloud) + [1] * len(lengths)
+        kinds = [
+            *["gps"] * len(gps),
+            *["elevation"] * len(levels),
+            *["cloud"] * len(cloud),
+            *np.where(net.bar, "scale_bar", "distance"),
+        ]
         self.group = np.repeat(np.arange(len(sizes)), sizes)
+        self.kind = np.array(kinds, dtype=str)[self.group]
+        self.index = np.concatenate([gps, levels, cloud, lengths])[self.group]
         self.component = np.concatenate([np.arange(size) for size in [*sizes, 0]]).astype(np.int64)
-        self._gps, self._levels, self._cloud = gps, levels, cloud
-        chol = np.linalg.cholesky(net.cloud_covariance[cloud])
-        self._white = np.linalg.inv(chol) if len(cloud) else chol
-        turns = {0: [], 1: [2], 3: [0, 1, 2]}[self.freedom.turn]
-        shifts = [0, 1] * self.freedom.shift_xy + [2] * self.freedom.shift_z
-        self._free = [3 + k for k in turns] + shifts + [6] * self.freedom.scale
-        # What does not depend on the unknowns is made once: a fit asks for it at each of its steps.
+        self.is_length = np.isin(self.kind, ("distance", "scale_bar"))
+        self.is_check = self.is_length.copy()
+        self.is_check[self.is_length] = net.check
         ends = np.cumsum([0, 2 * len(gps), len(levels), 3 * len(cloud), len(lengths)]).tolist()
         self._rows = [np.arange(begin, end) for begin, end in zip(ends, ends[1:])]
-        first = 3 * len(net.names)
-        self._columns = np.array([*range(first), *(first + k for k in self._free)])
-        weak = np.array([_SHIFT_M] * 3 + [_ANGLE] * 3 + [_LOG_SCALE])[self._free]
-        self._spread = np.concatenate([np.full(first, _POINT_M), weak])
-        self._loose = np.diag(1.0 / self._spread)
-        self._observed, self._sigma = self._observations()
+        variances = np.diagonal(net.cloud_covariance[cloud], axis1=1, axis2=2)
+        observations = [
+            (net.horizontal[gps].ravel(), np.repeat(net.horizontal_sigma[gps], 2)),
+            (net.elevation[levels], net.elevation_sigma[levels]),
+            (net.cloud[cloud].ravel(), np.sqrt(variances).ravel()),
+            (net.length, net.length_sigma),
+        ]
+        self.observed, self.sigma = (np.concatenate(parts) for parts in zip(*observations))
+        chol = np.linalg.cholesky(net.cloud_covariance[cloud])
+        self._white = np.linalg.inv(chol) if len(cloud) else chol
 
-    @property
-    def size(self) -> int:
-        """The number of unknowns: three of each point, then the transform's."""
-        return 3 * len(self.network.names) + len(self._free)
-
-    @property
-    def scale_column(self) -> int:
-        """Which unknown is the logarithm of the scale (the last one)."""
-        return self.size - 1
-
-    @property
-    def angle_columns(self) -> IntArray:
-        """Which unknowns are angles."""
-        first = 3 * len(self.network.names)
-        return first + np.array([i for i, k in enumerate(self._free) if 3 <= k < 6], dtype=np.int64)
-
-    @property
-    def shift_columns(self) -> IntArray:
-        """Which unknowns are the shift: to the east, to the north, and up where that is free."""
-        first = 3 * len(self.network.names)
-        return first + np.array([i for i, k in enumerate(self._free) if k < 3], dtype=np.int64)
+    def _set_columns(self) -> None:
+        freedom, first = self.freedom, 3 * len(self.network.names)
+        angles = {0: [], 1: [5], 3: [3, 4, 5]}[freedom.rotations]
+        self._free = [
+            *[0, 1] * freedom.shift_xy,
+            *[2] * freedom.shift_z,
+            *angles,
+            *[6] * freedom.scale,
+        ]
+        self.size = first + len(self._free)
+        number = np.array(self._free, dtype=np.int64)
+        self.shift_columns = first + np.flatnonzero(number < 3)
+        self.angle_columns = first + np.flatnonzero((number >= 3) & (number < 6))
+        self.scale_column = self.size - 1
+        self._columns = np.concatenate([np.arange(first), first + number])
+        sigma = np.array([_SHIFT_M] * 3 + [_ANGLE] * 3 + [_LOG_SCALE])
+        self.prior_sigma = np.concatenate([np.full(first, _POINT_M), sigma[number]])
 
     def state(self, unknowns: FloatArray) -> State:
         """Return the state that the unknowns lead to from the start."""
-        count = 3 * len(self.network.names)
-        step = np.zeros(7)
-        step[self._free] = unknowns[count:]
+        points, step = self._split(unknowns)
         return State(
-            self.start.points + unknowns[:count].reshape(-1, 3),
+            self.start.points + points,
             self.start.log_scale + float(step[6]),
-            turned(step[3:6]) @ self.start.rotation,
+            rotation_of(step[3:6]) @ self.start.rotation,
             self.start.shift + step[:3],
         )
 
-    def again(self, state: State) -> Model:
+    def _split(self, unknowns: FloatArray) -> Tuple[FloatArray, FloatArray]:
+        """Return the steps of the points, (n, 3), and of shift, angles and scale, (7,)."""
+        step, first = np.zeros(7), 3 * len(self.network.names)
+        step[self._free] = unknowns[first:]
+        return unknowns[:first].reshape(-1, 3), step
+
+    def at(self, state: State) -> Model:
         """Return the same equations, counted from another state."""
-        return replace(self, start=state)
-
-    def observed(self) -> FloatArray:
-        """(rows,) what was observed."""
-        return self._observed
-
-    def sigma(self) -> FloatArray:
-        """(rows,) standard deviations."""
-        return self._sigma
-
-    def _observations(self) -> Tuple[FloatArray, FloatArray]:
-        net = self.network
-        variances = np.diagonal(net.cloud_covariance[self._cloud], axis1=1, axis2=2)
-        both = [
-            (net.horizontal[self._gps].ravel(), np.repeat(net.horizontal_sigma[self._gps], 2)),
-            (net.elevation[self._levels], net.elevation_sigma[self._levels]),
-            (net.cloud[self._cloud].ravel(), np.sqrt(variances).ravel()),
-            (net.length, net.length_sigma),
-        ]
-        observed, sigma = (np.concatenate(parts) for parts in zip(*both))
-        return observed, sigma
-
-    def spread(self, covariance: FloatArray) -> FloatArray:
-        """(rows,) standard deviations of what the observations should be."""
-        rows = self.jacobian(np.zeros(self.size))
-        variance = ((rows @ covariance) * rows).sum(axis=1)
-        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+        return Model(self.network, self.freedom, state)
 
     def computed(self, unknowns: FloatArray) -> FloatArray:
         """(rows,) what the observations should be."""
@@ -242,8 +252,7 @@ class Model:
     def jacobian(self, unknowns: FloatArray) -> FloatArray:
         """(rows, size) derivatives of :meth:`computed`."""
         net, now = self.network, self.state(unknowns)
-        first = 3 * len(net.names)
-        whole = np.zeros((len(self.kind), first + 7))
+        whole = np.zeros((len(self.kind), 3 * len(net.names) + 7))
         gps_rows, levels, cloud, lengths = self._rows
         east, north, up = now.points.T
         down = 1.0 / (1.0 + up / net.radius_m)
@@ -254,7 +263,7 @@ class Model:
             whole[gps[:, axis], 3 * self._gps + 2] = slope
         for axis, slope in enumerate((east / net.radius_m, north / net.radius_m, np.ones_like(up))):
             whole[levels, 3 * self._levels + axis] = slope[self._levels]
-        self._cloud_part(whole, cloud.reshape(-1, 3), now, unknowns)
+        self._fill_cloud(whole, cloud.reshape(-1, 3), now, self._split(unknowns)[1][3:6])
         apart = now.points[net.ends[:, 1]] - now.points[net.ends[:, 0]]
         unit = apart / np.maximum(np.linalg.norm(apart, axis=1), 1e-12)[:, None]
         for axis in range(3):
@@ -262,59 +271,50 @@ class Model:
             whole[lengths, 3 * net.ends[:, 0] + axis] -= unit[:, axis]
         return np.asarray(whole[:, self._columns])
 
-    def _cloud_part(
-        self, whole: FloatArray, rows: IntArray, now: State, unknowns: FloatArray
-    ) -> None:
+    def _fill_cloud(self, whole: FloatArray, rows: IntArray, now: State, turn: FloatArray) -> None:
         first = 3 * len(self.network.names)
-        step = np.zeros(7)
-        step[self._free] = unknowns[first:]
-        back = now.rotation.T * math.exp(-now.log_scale)
+        back = now.rotation.T * np.exp(-now.log_scale)
         arm = now.points[self._cloud] - now.shift
+        # A small change d of the angles turns by left_jacobian(angles) @ d; the columns of
+        # cross(arm) @ left_jacobian are arm x (each of its columns).
+        turns = np.cross(arm[:, None, :], _left_jacobian(turn).T) @ back.T
         for axis in range(3):
             whole[rows, (3 * self._cloud + axis)[:, None]] = back[:, axis]
             whole[rows, first + axis] = -back[:, axis]
-        swing = _left_jacobian(step[3:6])
-        # The columns of cross(y) @ swing are y x (each column of swing).
-        turns = np.cross(arm[:, None, :], swing.T) @ back.T
-        for axis in range(3):
             whole[rows, first + 3 + axis] = turns[:, axis]
         whole[rows, first + 6] = -arm @ back.T
 
-    def whiten(self, values: FloatArray) -> FloatArray:
-        """Bring rows, (rows,) or (rows, k), to unit variance and no correlation."""
+    def whiten(self, values: FloatArray, factors: Optional[FloatArray] = None) -> FloatArray:
+        """Return rows, (rows,) or (rows, k), brought to unit variance and no correlation.
+
+        Parameters
+        ----------
+        factors : (rows,) by which standard deviations are raised.
+        """
         columns = values.reshape(len(values), -1)
-        out = columns / self._sigma[:, None]
+        out = columns / self.sigma[:, None]
         cloud = self._rows[2]
         blocks = columns[cloud].reshape(-1, 3, columns.shape[1])
         out[cloud] = np.matmul(self._white, blocks).reshape(-1, columns.shape[1])
-        return out.reshape(values.shape)
-
-    def loose(self, unknowns: FloatArray) -> Tuple[FloatArray, FloatArray]:
-        """Return values and derivatives of what little is known of everything beforehand."""
-        return unknowns / self._spread, self._loose
+        if factors is not None:
+            out /= factors[:, None]
+        return np.asarray(out.reshape(values.shape))
 
 
-def turned(angles: FloatArray) -> FloatArray:
+def rotation_of(angles: FloatArray) -> FloatArray:
     """Return the rotation by a vector: its length in radians, about its direction (Rodrigues)."""
-    angle = float(np.linalg.norm(angles))
-    if angle < 1e-12:
-        return np.eye(3) + _cross(angles)
-    axis = _cross(angles / angle)
-    return np.asarray(np.eye(3) + math.sin(angle) * axis + (1.0 - math.cos(angle)) * axis @ axis)
+    angle, cross = float(np.linalg.norm(angles)), _cross(angles)
+    half = np.sinc(0.5 * angle / np.pi)
+    return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * cross + 0.5 * half**2 * cross @ cross)
+
+
+def _left_jacobian(angles: FloatArray) -> FloatArray:
+    """Return J with rotation_of(a + d) = rotation_of(J d) rotation_of(a), to first order in d."""
+    angle, cross = float(np.linalg.norm(angles)), _cross(angles)
+    half = np.sinc(0.5 * angle / np.pi)
+    last = 1.0 / 6.0 if angle < 1e-3 else (1.0 - np.sinc(angle / np.pi)) / angle**2
+    return np.asarray(np.eye(3) + 0.5 * half**2 * cross + last * cross @ cross)
 
 
 def _cross(v: FloatArray) -> FloatArray:
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
-
-
-def _left_jacobian(angles: FloatArray) -> FloatArray:
-    """Return J with turned(a + d) = turned(J d) turned(a), to first order in d."""
-    angle = float(np.linalg.norm(angles))
-    if angle < 1e-6:
-        return np.eye(3) + 0.5 * _cross(angles)
-    axis = _cross(angles / angle)
-    return np.asarray(
-        np.eye(3)
-        + (1.0 - math.cos(angle)) / angle * axis
-        + (1.0 - math.sin(angle) / angle) * axis @ axis
-    )

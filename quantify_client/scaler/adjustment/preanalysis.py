@@ -1,42 +1,41 @@
-"""What control can give before there is a cloud: how well its scale, and which mistakes show.
+"""Preanalysis: what control can give before there is a cloud.
 
-By the adjustment and the tests of :mod:`.fit`. Places in a cloud that the control holds are
-adjusted as they are. Without them the accuracy follows from the design alone, as it does not depend
-on what is observed: the positions say where the marks are, and how well these are found in the
-cloud is assumed. The lengths can then be held against the positions only.
+How well its scale will be known, and which mistakes will show, by the adjustment and the tests of
+:mod:`.fit`. Places in a cloud that the control holds are adjusted as they are. Without them the
+accuracy follows from the design alone, as it does not depend on what is observed: the positions say
+where the marks are, and how well these are found in the cloud is assumed. The lengths can then be
+compared with the positions only.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
-from typing import List, Tuple
+from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
-import numpy.typing as npt
 
 from ...errors import ControlError
-from .between_groups import held_against_positions, with_lengths
+from .between_groups import compare_with_positions
 from .fit import fit
-from .network import Freedom, Model, Network, State
-from .solve import Adjustment, solved
-from .summary import conflict, left_out, title
+from .network import BoolArray, Freedom, Model, Network, State
+from .solve import Adjustment, evaluate
+from .summary import label_of, outlier_notices, worst_conflict
 
-__all__ = ["FOUND_M", "Verdict", "verdict_of"]
+__all__ = ["MARK_SIGMAS_M", "Preanalysis", "preanalyse"]
 
-#: How well marks are found in a cloud: with 1 cm and with 3 cm (1 to 3 GSD from 30 m,
-#: docs/field.md, section 8) the expected accuracies are told.
-FOUND_M = (0.01, 0.03)
+#: How well marks are found in a cloud: the expected accuracies are given for 1 cm and for 3 cm (1
+#: to 3 GSD from 30 m, docs/field.md, section 8).
+MARK_SIGMAS_M = (0.01, 0.03)
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Preanalysis:
     """What is to be expected of control.
 
     Attributes
     ----------
     scale_std : relative standard deviation of the scale; with places of the control's own one
-        number, else one for each of `FOUND_M`; none where nothing tells.
+        number, else one for each of `MARK_SIGMAS_M`; none where it is undetermined.
     detectable_m : the smallest misreading that the tests find (Baarda, 80 %) in each length that
         the others control, once the marks are in the cloud; infinite where nothing controls it.
     uncontrolled : those lengths, by name.
@@ -58,117 +57,98 @@ class Verdict:
         return len(self.scale_std) > 1
 
 
-def verdict_of(network: Network, reached: npt.NDArray[np.bool_], georeferenced: bool) -> Verdict:
-    """Judge control by itself.
+def preanalyse(network: Network, reached: BoolArray, georeferenced: bool) -> Preanalysis:
+    """Return what is to be expected of control by itself.
 
     Parameters
     ----------
     reached : (n,) points that are, or can be, found in the cloud.
     georeferenced : whether the places that the network has are on a map grid.
     """
-    waiting = bool((reached & ~network.clouded).any())
-    if int(network.clouded.sum()) >= 2 or (network.clouded.any() and not waiting):
+    found_already = int(network.in_cloud.sum())
+    waiting = bool((reached & ~network.in_cloud).any())
+    if found_already >= 2 or (found_already and not waiting):
         try:
-            return _of_places(network, georeferenced)
+            found = fit(network, "auto", georeferenced)
         except ControlError as error:
             if not waiting:
-                return Verdict(refused=str(error), faults=(str(error),))
-    return _of_design(network, reached)
+                return Preanalysis(refused=str(error), faults=(str(error),))
+        else:
+            sizes, uncontrolled = _detectable(found.adjustment)
+            faults = (*_faults(found.adjustment), *found.contradictions)
+            return Preanalysis((found.std / found.factor,), sizes, uncontrolled, faults=faults)
+    return _by_design(network, reached)
 
 
-def _of_places(network: Network, georeferenced: bool) -> Verdict:
-    found = fit(network, "auto", georeferenced)
-    sizes, uncontrolled = _detectable(found.adjustment)
-    faults = (*_faults(found.adjustment), *found.rivals)
-    return Verdict((found.std / found.factor,), sizes, uncontrolled, faults=faults)
-
-
-def _of_design(network: Network, reached: npt.NDArray[np.bool_]) -> Verdict:
-    held, beyond, faults = held_against_positions(network)
+def _by_design(network: Network, reached: BoolArray) -> Preanalysis:
+    compared, beyond, contradictions = compare_with_positions(network)
+    faults: List[str] = list(contradictions)
     refused = faults[0] if beyond > 0.0 else ""
     agree: Tuple[float, ...] = ()
-    if held is not None and not refused:
-        faults += [line.replace(" in the cloud ", "'s position ") for line in _faults(held)]
-        agree = _detectable(held)[0]
-    designs = [found for size in FOUND_M for found in _design(network, reached, size)]
-    stds = tuple(_scale_std(found) for found in designs)
-    sizes, uncontrolled = _detectable(designs[-1]) if designs else ((), ())
-    return Verdict(stds, sizes, uncontrolled, agree, refused, tuple(dict.fromkeys(faults)))
+    if compared is not None and not refused:
+        faults += [line.replace(" in the cloud ", "'s position ") for line in _faults(compared)]
+        agree = _detectable(compared)[0]
+    designs = [_design(network, reached, sigma) for sigma in MARK_SIGMAS_M]
+    determined = [found for found in designs if found is not None]
+    stds = tuple(found.scale_std for found in determined)
+    sizes, uncontrolled = _detectable(determined[-1]) if determined else ((), ())
+    return Preanalysis(stds, sizes, uncontrolled, agree, refused, tuple(dict.fromkeys(faults)))
 
 
-def _faults(found: Adjustment) -> List[str]:
-    """Say what contradicts the rest, also where nothing tells which of several it is."""
-    said = conflict(found)
-    also = [f"{said}, or its neighbours are wrong; measure them again"] if said else []
-    return left_out(found) or also
+def _faults(found: Adjustment) -> Sequence[str]:
+    """Say what contradicts the rest, also where it cannot be told which of several it is."""
+    conflict = worst_conflict(found)
+    also = [f"{conflict}, or its neighbours are wrong; measure them again"] if conflict else []
+    return outlier_notices(found) or also
 
 
 def _detectable(found: Adjustment) -> Tuple[Tuple[float, ...], Tuple[str, ...]]:
     """Return what would show in each length that is used, and the lengths where nothing would."""
-    lengths = np.isin(found.model.kind, ("distance", "scale_bar")) & found.active
-    sizes = found.detectable()
-    free = [title(found, int(row)) for row in np.flatnonzero(lengths & np.isinf(sizes))]
+    lengths, sizes = found.model.is_length & found.active, found.detectable()
+    free = [label_of(found, int(row)) for row in np.flatnonzero(lengths & np.isinf(sizes))]
     return tuple(float(size) for size in sizes[lengths]), tuple(free)
 
 
-def _scale_std(found: Adjustment) -> float:
-    column = found.model.scale_column
-    return math.sqrt(float(found.covariance[column, column]))
-
-
-def _design(network: Network, reached: npt.NDArray[np.bool_], found_m: float) -> List[Adjustment]:
-    """Return what the design alone determines; nothing where it holds no size."""
+def _design(network: Network, reached: BoolArray, mark_sigma: float) -> Optional[Adjustment]:
+    """Return what the design alone determines; None where it fixes no size."""
     known = reached & network.placed
-    ends: npt.NDArray[np.bool_] = reached[network.ends].all(axis=1) & ~network.check
-    placed: npt.NDArray[np.bool_] = ends & network.placed[network.ends].all(axis=1)
+    ends = reached[network.ends].all(axis=1) & ~network.check
+    placed = ends & network.placed[network.ends].all(axis=1)
     if placed.any():
-        return [_planned(with_lengths(network, placed), known, found_m)]
-    if ends.any():
-        return [_planned(*_laid_apart(with_lengths(network, ends)), found_m)]
-    if int(known.sum()) >= 2 and float(np.ptp(network.horizontal[known], axis=0).max()) > 0.0:
-        none = np.zeros(len(network.length), dtype=bool)
-        return [_planned(with_lengths(network, none), known, found_m)]
-    return []
-
-
-def _planned(network: Network, known: npt.NDArray[np.bool_], found_m: float) -> Adjustment:
-    """Return the covariance of a network whose marks are in the cloud where they are said to be."""
-    middle = float(network.elevation[network.levelled].mean()) if network.levelled.any() else 0.0
-    up = np.where(network.levelled, network.elevation, middle)
-    places = np.column_stack([network.horizontal, up])
-    if not network.placed.any():
-        places = network.cloud
+        network = network.with_lengths(placed)
+    elif ends.any():
+        network = _side_by_side(network.with_lengths(ends))
+        known = np.ones(len(network.names), dtype=bool)
+    elif int(known.sum()) >= 2 and np.ptp(network.horizontal[known], axis=0).max() > 0.0:
+        network = network.with_lengths(np.zeros_like(ends))
+    else:
+        return None
+    places = network.places if network.placed.any() else network.cloud
     whole = replace(
-        network,
-        horizontal=np.where(known[:, None], network.horizontal, np.nan),
-        elevation=np.where(known, network.elevation, np.nan),
+        network.with_positions(known),
         cloud=np.where(known[:, None], places, np.nan),
-        cloud_covariance=np.tile(found_m**2 * np.eye(3), (len(known), 1, 1)),
+        cloud_covariance=np.tile(mark_sigma**2 * np.eye(3), (len(known), 1, 1)),
     )
     both, levels = bool(whole.placed.any()), bool(whole.levelled.any())
-    freedom = Freedom(1 if both else 0, both, levels)
     start = State(np.nan_to_num(places), 0.0, np.eye(3), whole.pivot)
-    model = Model(whole, freedom, start)
-    return solved(model, np.ones(len(model.kind), dtype=bool), {}, ())
+    model = Model(whole, Freedom(1 if both else 0, both, levels), start)
+    return evaluate(model, np.ones(len(model.kind), dtype=bool), {}, ())
 
 
-def _laid_apart(network: Network) -> Tuple[Network, npt.NDArray[np.bool_]]:
-    """Return the lengths side by side: nothing says how their ends lie to each other."""
+def _side_by_side(network: Network) -> Network:
+    """Return the lengths with ends of their own: how they lie to each other is not known."""
     count = len(network.length)
-    step = np.arange(count, dtype=np.float64)
-    first = np.column_stack([np.zeros(count), step, np.zeros(count)])
-    last = np.column_stack([network.length, step, np.zeros(count)])
-    nothing = np.full(2 * count, np.nan)
-    names = [network.names[end] for end in network.ends.T.ravel()]
-    apart = replace(
+    step, zero = np.arange(count, dtype=np.float64), np.zeros(count)
+    first = np.column_stack([zero, step, zero])
+    last = np.column_stack([network.length, step, zero])
+    return replace(
         network,
-        names=tuple(names),
+        names=tuple(network.names[end] for end in network.ends.T.ravel()),
         horizontal=np.full((2 * count, 2), np.nan),
         horizontal_sigma=np.ones(2 * count),
-        elevation=nothing,
+        elevation=np.full(2 * count, np.nan),
         elevation_sigma=np.ones(2 * count),
         cloud=np.vstack([first, last]),
         cloud_covariance=np.tile(np.eye(3), (2 * count, 1, 1)),
         ends=np.column_stack([np.arange(count), count + np.arange(count)]),
     )
-    return apart, np.ones(2 * count, dtype=bool)

@@ -14,7 +14,7 @@ import numpy as np
 from ...errors import ControlError
 from ...types import FloatArray
 
-__all__ = ["Similarity", "fit_heading", "fit_similarity", "spread", "views_from_above"]
+__all__ = ["FLAT", "Similarity", "fit_heading", "fit_similarity", "rotations_from_above", "spread"]
 
 #: Points whose second (third) extent is a smaller share of the first lie in a line (a plane).
 FLAT = 1e-4
@@ -36,9 +36,8 @@ class Similarity:
     pivot: FloatArray
 
     def apply(self, points: FloatArray) -> FloatArray:
-        """Move (N, 3) points."""
-        moved: FloatArray = self.shift + self.scale * (points - self.pivot) @ self.rotation.T
-        return moved
+        """Return (N, 3) points moved."""
+        return np.asarray(self.shift + self.scale * (points - self.pivot) @ self.rotation.T)
 
     def matrix(self) -> FloatArray:
         """Return the same as a 4 x 4 matrix for column vectors (x, y, z, 1)."""
@@ -77,19 +76,18 @@ def fit_heading(source: FloatArray, target: FloatArray) -> Similarity:
     a = (source - middle)[:, :2] @ np.array([1.0, 1j])
     b = (target - goal) @ np.array([1.0, 1j])
     turn = np.vdot(a, b) / np.vdot(a, a).real
-    angle = np.angle(turn)
-    cosine, sine = np.cos(angle), np.sin(angle)
+    cosine, sine = np.cos(np.angle(turn)), np.sin(np.angle(turn))
     rotation = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
     return Similarity(float(abs(turn)), rotation, np.array([*goal, 0.0]), middle)
 
 
-def views_from_above(
+def rotations_from_above(
     source: FloatArray, target: FloatArray, scale: Optional[float]
 ) -> List[FloatArray]:
-    """Return rotations that bring (N, 3) points over (N, 2) ones, as far as these can tell.
+    """Return the rotations that bring (N, 3) points over (N, 2) ones.
 
-    Seen from above, heights are not there: a plane leaves two answers, mirrored in their tilt, and
-    only relief (or elevations, or the adjustment of all) decides between them.
+    There are several: seen from above, heights do not show. A plane leaves two answers, mirrored in
+    their tilt; only relief (or elevations, or the adjustment of all) decides between them.
 
     Parameters
     ----------
@@ -105,7 +103,9 @@ def views_from_above(
     extent = spread(c)
     if extent[2] > FLAT * extent[0]:
         guesses.append(np.linalg.lstsq(c, h, rcond=None)[0].T)
-    return [_completed(guess) for guess in guesses]
+    # The rotation whose first two rows are nearest to each guess.
+    nearest = [np.matmul(*np.linalg.svd(guess, full_matrices=False)[::2]) for guess in guesses]
+    return [np.vstack([rows, np.cross(rows[0], rows[1])]) for rows in nearest]
 
 
 def spread(points: FloatArray) -> FloatArray:
@@ -113,13 +113,6 @@ def spread(points: FloatArray) -> FloatArray:
     centred = points - points.mean(axis=0)
     values = np.linalg.svd(centred, compute_uv=False) / np.sqrt(max(len(points), 1))
     return np.asarray(np.pad(values, (0, 3 - len(values))))
-
-
-def _completed(rows: FloatArray) -> FloatArray:
-    """Return the rotation whose first two rows are nearest to these."""
-    u, _, vt = np.linalg.svd(rows, full_matrices=False)
-    first = u @ vt
-    return np.vstack([first, np.cross(first[0], first[1])])
 
 
 def _require_pairs(source: FloatArray) -> None:

@@ -6,14 +6,15 @@ import difflib
 import math
 import re
 import unicodedata
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Mapping, Optional, Sequence, Tuple, Union
 
+from ...crs import PlaneCoordinates
 from ...errors import ControlError
 from ...types import MAX_COORDINATE
-from .syntax import Node, quoted
+from .syntax import SyntaxNode, quoted
 
-__all__ = ["Entry", "Keys", "clean_name", "near_miss", "strict_number"]
+__all__ = ["Entry", "Keys", "clean_name", "near_miss", "position_problem", "strict_number"]
 
 Keys = Mapping[str, Tuple[str, ...]]
 """Keys of an entry, and the headings that tables have for each, in lower case, the best first."""
@@ -25,8 +26,16 @@ MAX_ELEVATION_M = 20_000.0
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+", re.ASCII)
-_SEXAGESIMAL = re.compile(r"[-+NSEWnsew]?\s*\d+\s*[:°d\s].*\d.*", re.ASCII)
-_WITH_UNIT = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)\s*(m|ft|us-ft|cm|mm|'|\")", re.ASCII)
+_NOT_PLAIN = (
+    (
+        re.compile(r"[-+]?(\d+\.?\d*|\.\d+)\s*(m|ft|us-ft|cm|mm|'|\")", re.ASCII),
+        "write the number alone; its unit is said once, by the key 'unit'",
+    ),
+    (
+        re.compile(r"[-+NSEWnsew]?\s*\d+\s*[:°d\s].*\d.*", re.ASCII),
+        "expected one decimal number, not degrees, minutes and seconds",
+    ),
+)
 _TRUTH = {
     **dict.fromkeys(("true", "yes", "on", "1"), True),
     **dict.fromkeys(("false", "no", "off", "0"), False),
@@ -47,20 +56,16 @@ class Entry:
     """
 
     where: str
-    fields: Mapping[str, Node]
+    fields: Mapping[str, SyntaxNode]
     unit_m: Optional[float]
 
     def error(self, problem: str) -> ControlError:
-        """Make the error that says where it is."""
+        """Return the error that says where it is."""
         return ControlError(f"{self.where}: {problem}")
 
     def has(self, key: str) -> bool:
-        """Tell whether something was written for a key."""
+        """Return whether something was written for a key."""
         return key in self.fields and not self.fields[key].empty
-
-    def about(self, what: str) -> Entry:
-        """Return the same entry, for whose messages more is known of it."""
-        return replace(self, where=f"{self.where} {what}")
 
     def only(self, known: Keys) -> None:
         """Refuse keys that are not known."""
@@ -70,48 +75,40 @@ class Entry:
                 hint = "write numbers with points" if comma else near_miss(key, known)
                 raise self.error(f"{quoted(key)} is no key of this; {hint}")
 
-    def number(self, key: str) -> Optional[float]:
-        """Read a finite number of plain size; None when it is not there.
-
-        Raises
-        ------
-        ControlError
-            When it is anything else.
-        """
-        return self._number(key, self.fields[key]) if self.has(key) else None
-
-    def triple(self, key: str) -> Tuple[float, float, float]:
-        """Read a list of three numbers; ControlError when it is anything else."""
-        node = self.fields.get(key, Node())
-        if node.items is None or len(node.items) != 3:
-            count = "" if node.items is None else f" of {len(node.items)}"
-            raise self.error(f"{key} is {node.said}{count}: expected three numbers, [x, y, z]")
-        x, y, z = (self._number(key, item) for item in node.items)
-        return x, y, z
-
-    def _number(self, key: str, node: Node) -> float:
+    def number(self, key: str, node: Optional[SyntaxNode] = None) -> Optional[float]:
+        """Return a finite number of plain size, of a key or of a node in it; None without one."""
+        if node is None and not self.has(key):
+            return None
+        node = node or self.fields[key]
         try:
             value = strict_number(node)
         except ValueError as problem:
-            raise self.error(f"{key} is {node.said}: {problem}") from None
+            raise self.error(f"{key} is {node.described}: {problem}") from None
         if abs(value) > MAX_COORDINATE:
             raise self.error(f"{key} is {value:g}: absurdly large; correct it")
         return value
 
+    def triple(self, key: str) -> Tuple[float, float, float]:
+        """Return a list of three numbers."""
+        node = self.fields.get(key, SyntaxNode())
+        if node.items is None or len(node.items) != 3:
+            count = "" if node.items is None else f" of {len(node.items)}"
+            raise self.error(f"{key} is {node.described}{count}: expected three numbers, [x, y, z]")
+        x, y, z = (self.number(key, item) or 0.0 for item in node.items)
+        return x, y, z
+
     def metres(self, key: str) -> Optional[float]:
-        """Read a number in the file's unit, in metres; ControlError where there is no unit."""
+        """Return a number in the file's unit, in metres."""
         value = self.number(key)
-        if value is None:
-            return None
-        if self.unit_m is None:
+        if value is not None and self.unit_m is None:
             raise self.error(
                 f"{key} is {value:g}, but of what unit? the control file says it with "
                 "'unit: m' (or ft, us-ft)"
             )
-        return value * self.unit_m
+        return None if value is None else value * (self.unit_m or 1.0)
 
     def elevation_m(self, key: str) -> Optional[float]:
-        """Read a height that exists on the Earth."""
+        """Return a height that exists on the Earth, metres."""
         value = self.metres(key)
         if value is not None and abs(value) > MAX_ELEVATION_M:
             raise self.error(
@@ -120,25 +117,26 @@ class Entry:
         return value
 
     def accuracy_m(self, key: str) -> Optional[float]:
-        """Read one sigma in the file's unit, in metres."""
-        return self._accuracy(key, self.metres(key), "the unit or leave it out")
+        """Return one sigma in the file's unit, in metres."""
+        return self._sigma(key, self.metres(key), "the unit or leave it out")
 
     def accuracy(self, key: str) -> Optional[float]:
-        """Read one sigma in units that are not the file's."""
-        return self._accuracy(key, self.number(key), "it or leave it out")
+        """Return one sigma in a unit that is not the file's."""
+        return self._sigma(key, self.number(key), "it or leave it out")
 
-    def _accuracy(self, key: str, value: Optional[float], way_out: str) -> Optional[float]:
-        if value is not None and not value >= MIN_ACCURACY:
-            raise self.error(
-                f"{key} is {self.fields[key].text}: expected one standard deviation, more than 0; "
-                "correct it or leave it out"
-            )
-        if value is not None and value > MAX_LENGTH_M:
-            raise self.error(f"{key} is {self.fields[key].text}: absurdly large; correct {way_out}")
-        return value
+    def _sigma(self, key: str, value: Optional[float], what: str) -> Optional[float]:
+        if value is None or MIN_ACCURACY <= value <= MAX_LENGTH_M:
+            return value
+        written = self.fields[key].text
+        if value > MAX_LENGTH_M:
+            raise self.error(f"{key} is {written}: absurdly large; correct {what}")
+        raise self.error(
+            f"{key} is {written}: expected one standard deviation, more than 0; correct it or "
+            "leave it out"
+        )
 
     def length_m(self, key: str) -> float:
-        """Read a distance in the file's unit, in metres."""
+        """Return a distance in the file's unit, in metres."""
         value = self.metres(key)
         if value is None:
             raise self.error(f"{key} is missing; give the measured distance")
@@ -152,43 +150,37 @@ class Entry:
         return value
 
     def name(self, key: str) -> str:
-        """Read the name of a point."""
-        node = self.fields.get(key, Node())
+        """Return the name of a point."""
+        node = self.fields.get(key, SyntaxNode())
         if node.text is None:
-            raise self.error(f"{key} is {node.said}: expected the name of a point")
+            raise self.error(f"{key} is {node.described}: expected the name of a point")
         try:
             return clean_name(node.text)
         except ValueError as problem:
-            raise self.error(f"{key} is {node.said}: {problem}") from None
+            raise self.error(f"{key} is {node.described}: {problem}") from None
 
     def flag(self, key: str) -> bool:
-        """Read true or false; false when it is not there."""
-        if not self.has(key):
-            return False
-        value = _TRUTH.get((self.fields[key].text or "").strip().lower())
+        """Return true or false; false when it is not there."""
+        node = self.fields[key] if self.has(key) else SyntaxNode("false")
+        value = _TRUTH.get((node.text or "").strip().lower())
         if value is None:
-            raise self.error(f"{key} is {self.fields[key].said}: expected true or false")
+            raise self.error(f"{key} is {node.described}: expected true or false")
         return value
 
 
-def strict_number(node: Node) -> float:
-    """Read a decimal number; ValueError says what to write instead."""
+def strict_number(node: SyntaxNode) -> float:
+    """Return a decimal number; ValueError says what to write instead."""
     text = (node.text or "").strip()
-    if node.text is not None and len(text) <= 100 and _NUMBER.fullmatch(text):
-        value = float(text)
-        if math.isfinite(value):
-            return value
+    if len(text) <= 100 and _NUMBER.fullmatch(text) and math.isfinite(float(text)):
+        return float(text)
     if _DECIMAL_COMMA.fullmatch(text):
         raise ValueError(f"a decimal comma; write {text.replace(',', '.')}")
-    if _WITH_UNIT.fullmatch(text):
-        raise ValueError("write the number alone; its unit is said once, by the key 'unit'")
-    if _SEXAGESIMAL.fullmatch(text):
-        raise ValueError("expected one decimal number, not degrees, minutes and seconds")
-    raise ValueError("expected a number such as 34.4083")
+    hints = (hint for form, hint in _NOT_PLAIN if form.fullmatch(text))
+    raise ValueError(next(hints, "expected a number such as 34.4083"))
 
 
 def clean_name(text: str) -> str:
-    """Strip a name and bring it to one spelling (NFC); ValueError says what is wrong with it."""
+    """Return a name without blanks around it, in one spelling (NFC); ValueError if it is none."""
     name = unicodedata.normalize("NFC", text.strip())
     if not name:
         raise ValueError("a point needs a name of at least one character")
@@ -200,12 +192,32 @@ def clean_name(text: str) -> str:
 
 
 def near_miss(word: str, known: Union[Keys, Sequence[str]]) -> str:
-    """Ask whether a word that is known was meant, or list the first of them."""
+    """Return a question whether a known word was meant, or a list of the first of them."""
     spellings: Keys = known if isinstance(known, Mapping) else dict.fromkeys(known, ())
-    meant = {spelling: key for key, others in spellings.items() for spelling in (*others, key)}
-    lowered = {spelling.lower(): key for spelling, key in meant.items()}
-    close = difflib.get_close_matches(word[:MAX_NAME].strip().lower(), lowered, 1, 0.6)
+    meant = {word.lower(): key for key, others in spellings.items() for word in (*others, key)}
+    close = difflib.get_close_matches(word[:MAX_NAME].strip().lower(), meant, 1, 0.6)
     if close:
-        return f"did you mean {quoted(lowered[close[0]])}?"
+        return f"did you mean {quoted(meant[close[0]])}?"
     more = ", ..." if len(known) > _MAX_LISTED else ""
     return f"expected {', '.join(list(known)[:_MAX_LISTED])}{more}" if known else "there is none"
+
+
+def position_problem(x: float, y: float, plane: PlaneCoordinates) -> Optional[str]:
+    """Return what is wrong with a position in a CRS, or None."""
+    degrees = abs(x) <= 180 and abs(y) <= 90
+    if not plane.geographic:
+        if not degrees or not plane.crs.startswith("EPSG:"):  # one's own may have its origin here
+            return None
+        return (
+            f"{x:.10g}, {y:.10g} looks like degrees, and {plane.crs} counts in other units; "
+            "correct the CRS or the coordinates"
+        )
+    if x == y == 0:
+        return "longitude and latitude are both 0, which is in the sea; leave out what is unknown"
+    if degrees:
+        return None
+    if abs(y) <= 180 and abs(x) <= 90:
+        return f"lat {y:.10g} and lon {x:.10g} seem to be swapped; exchange them"
+    what = f"lat is {y:.10g}" if abs(y) > 90 else f"lon is {x:.10g}"
+    limits = "-90 to 90" if abs(y) > 90 else "-180 to 180"
+    return f"{what}: expected {limits} degrees; correct it, or give the CRS it is in"

@@ -17,9 +17,9 @@ class ControlPoint:
     ----------
     x, y : longitude and latitude in degrees, or easting and northing, in :attr:`Control.crs`;
         both None where only an elevation is known.
-    accuracy_m : one sigma per axis of x and y; None where nobody said.
+    accuracy_m : one sigma per axis of x and y; None where it is not given.
     elevation_m : None when unknown, which is the paper's case.
-    elevation_accuracy_m : one sigma; None where nobody said.
+    elevation_accuracy_m : one sigma; None where it is not given.
     """
 
     name: str
@@ -36,7 +36,7 @@ class Length:
 
     Attributes
     ----------
-    accuracy_m : one sigma; None where nobody said.
+    accuracy_m : one sigma; None where it is not given.
     higher : the name of the higher end, where that was noted.
     check : left out of the fit, to check it.
     bar : a scale bar.
@@ -57,7 +57,7 @@ class CloudPosition:
 
     Attributes
     ----------
-    accuracy : one sigma per axis; None where nobody said.
+    accuracy : one sigma per axis; None where it is not given.
     """
 
     name: str
@@ -83,7 +83,7 @@ class Control:
     ----------
     label : what the user gave, for messages.
     crs : of the points' x and y; None where no point has any.
-    height_m : rough ellipsoidal height of the site; None where nobody said.
+    height_m : rough ellipsoidal height of the site; None where it is not given.
     points, cloud : by name, in the file's order.
     lengths : slope distances and scale bars.
     picks : in photographs.
@@ -93,10 +93,22 @@ class Control:
 
     label: str
     crs: Optional[str]
-    height_m: Optional[float]
-    points: Mapping[str, ControlPoint]
-    lengths: Sequence[Length]
-    cloud: Mapping[str, CloudPosition]
-    picks: Sequence[Pick]
-    warnings: Sequence[str] = field(default=())
-    named: Sequence[Path] = field(default=())
+    height_m: Optional[float] = None
+    points: Mapping[str, ControlPoint] = field(default_factory=dict)
+    lengths: Sequence[Length] = ()
+    cloud: Mapping[str, CloudPosition] = field(default_factory=dict)
+    picks: Sequence[Pick] = ()
+    warnings: Sequence[str] = ()
+    named: Sequence[Path] = ()
+
+    @property
+    def ends(self) -> Sequence[str]:
+        """Names of the points that lengths begin and end at, with repetitions."""
+        return [name for length in self.lengths for name in (length.start, length.end)]
+
+    @property
+    def positions(self) -> Mapping[str, Tuple[float, float]]:
+        """Coordinates x and y of the points that have a position, by name."""
+        return {
+            n: (p.x, p.y) for n, p in self.points.items() if p.x is not None and p.y is not None
+        }

@@ -1,36 +1,28 @@
-"""The front door for control: a control file, a table of points, or ODM's gcp_list.txt."""
+"""Control from a control file, a table of points, or ODM's gcp_list.txt."""
 
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import List, Mapping, Optional, Sequence, Tuple, Union
 
-from ...crs import Plane, plane_of
+import numpy as np
+
+from ...crs import PlaneCoordinates, plane_of
 from ...crs.frame import UNITS_M
 from ...errors import ControlError, CrsError
+from ...types.notice import Notice
 from .entries import Entry, Keys, near_miss
-from .gcp_list import control_of
-from .gcp_rows import parse_gcp_rows, read_gcp_rows
+from .gcp_list import parse_gcp_list, points_and_picks, read_gcp_list, to_crs
 from .model import Control, ControlPoint, Length, Pick
-from .parts import (
-    MAX_POINTS,
-    Source,
-    read_bars,
-    read_cloud,
-    read_distances,
-    read_points,
-    require_known,
-)
-from .places import to_crs
-from .sightings import control_points, sightings
-from .syntax import Node, quoted, read_json, read_yaml
+from .parts import MAX_POINTS, ControlFile, read_cloud, read_lengths, read_points
+from .syntax import SyntaxNode, quoted, read_json, read_text, read_yaml
 from .tables import is_point_table
-from .text_files import read_text
 
 __all__ = ["read_control", "require_self_contained"]
 
-_WGS84 = Plane("EPSG:4326", None)
+_WGS84 = PlaneCoordinates("EPSG:4326", None)
 _KEYS: Keys = {
     "crs": ("srs", "epsg"),
     "unit": ("units",),
@@ -52,37 +44,22 @@ _UNIT_WORDS = {
 
 
 def read_control(path: Union[str, Path]) -> Control:
-    """Read relative control.
+    """Return relative control, checked in itself; lengths in metres, accuracies one sigma.
 
     A control file in YAML (``.yaml``, ``.yml``) or JSON (``.json``), OpenDroneMap's gcp_list.txt
     (``.txt``), or a CSV table of points alone (``.csv``, or ``.txt`` with such headings). With any
-    other ending the content decides.
+    other ending the content decides. Whether it fixes a scale is judged by the adjustment.
 
     Parameters
     ----------
     path : of the file. Paths in it are relative to it.
-
-    Returns
-    -------
-    Control, checked in itself; lengths in metres, accuracies one standard deviation. Whether it
-    fixes a scale is judged by the adjustment.
 
     Raises
     ------
     ControlError
         One line: the file, where in it, what was found, what was expected and what to do.
     """
-    path = Path(path)
-    text = read_text(path)
-    kind = _kind(path, text)
-    source = Source(path, None, None)
-    if kind == "gcp_list":
-        return control_of(parse_gcp_rows(text, source.file), str(path))
-    if kind == "table":
-        root = Node(members={"points": Node(path.name)})
-    else:
-        root = _tree(kind, text, source)
-    return _control(path, root, source)
+    return _read(ControlFile(Path(path)))
 
 
 def require_self_contained(path: Union[str, Path]) -> None:
@@ -93,28 +70,31 @@ def require_self_contained(path: Union[str, Path]) -> None:
     ControlError
         It does, or it cannot be read.
     """
-    path = Path(path)
-    text = read_text(path)
-    kind = _kind(path, text)
-    if kind in ("gcp_list", "table"):
-        return
-    source = Source(path, None, None)
-    root = _tree(kind, text, source)
-    for key in ("points", "distances", "cloud", "images"):
-        if _part(root, key).text is not None:
-            raise ControlError(
-                f"{source.file}: {key} names another file, which is not read here: write what it "
-                "holds into this one"
-                + ("; picks in photographs go as a gcp_list.txt" if key == "images" else "")
-            )
+    _read(ControlFile(Path(path), alone=True))
 
 
-def _tree(kind: str, text: str, source: Source) -> Node:
-    return (read_yaml if kind == "yaml" else read_json)(text, source.file)
+def _read(file: ControlFile) -> Control:
+    text = read_text(file.path)
+    form = _format(file.path, text)
+    if form == "gcp_list":
+        listed = parse_gcp_list(text, file.name)
+        points, picks, notes = points_and_picks(listed, {}, None)
+        positions = any(point.x is not None for point in points.values())
+        return Control(
+            label=str(file.path),
+            crs=listed.plane.crs if positions else None,
+            points=points,
+            picks=tuple(picks),
+            warnings=tuple(notes),
+        )
+    if form == "table":
+        root = SyntaxNode(members={"points": SyntaxNode(file.path.name)})
+        return _control(root, replace(file, alone=False))
+    return _control((read_yaml if form == "yaml" else read_json)(text, file.name), file)
 
 
-def _kind(path: Path, text: str) -> str:
-    """Tell the format by its ending, else by how it begins."""
+def _format(path: Path, text: str) -> str:
+    """Return the format by the file's ending, else by how it begins."""
     ending = path.suffix.lower()
     if ending in _ENDINGS:
         return _ENDINGS[ending]
@@ -129,50 +109,49 @@ def _kind(path: Path, text: str) -> str:
     return "gcp_list" if _CRS_LINE.match(first) else "yaml"
 
 
-def _control(path: Path, root: Node, source: Source) -> Control:
+def _control(root: SyntaxNode, file: ControlFile) -> Control:
     """Put the parts of a control file together, and check what each says of the others."""
+    nothing = ControlError(f"{file.name} is empty; expected points, distances or scale bars")
     if root.empty:
-        raise ControlError(f"{source.file} is empty; expected points, distances or scale bars")
+        raise nothing
     if root.members is None:
         raise ControlError(
-            f"{source.file} is {root.said}: expected a mapping, with lines such as "
+            f"{file.name} is {root.described}: expected a mapping, with lines such as "
             "'crs: EPSG:4326'"
         )
-    top = Entry(source.file, root.members, None)
+    top = Entry(file.name, root.members, None)
     top.only(_KEYS)
     unit = _unit(top)
-    source = Source(path, unit, None if unit is None else UNITS_M[unit])
-    top = Entry(source.file, root.members, source.unit_m)
+    file = replace(file, unit=unit, unit_m=None if unit is None else UNITS_M[unit])
+    top = replace(top, unit_m=file.unit_m)
+    part = {key: root.members.get(key, SyntaxNode()) for key in _KEYS}
     plane = _plane(top)
-    points, assumed = read_points(_part(root, "points"), source, plane)
-    if assumed:
+    points = read_points(part["points"], file, plane)
+    if plane is None and any(point.x is not None for point in points.values()):
         plane = _WGS84
-        source.notes.append(
-            f"{source.file}: no crs is given; lat and lon are taken as WGS84 (EPSG:4326)"
-        )
-    cloud = read_cloud(_part(root, "cloud"), source)
-    distances = read_distances(_part(root, "distances"), source)
-    bars = read_bars(_part(root, "scale_bars"), source)
-    lengths = [*distances, *bars]
-    points, picks, plane = _with_images(root, source, points, plane)
-    require_known(lengths, list(dict.fromkeys([*points, *cloud])))
+        text = f"{file.name}: no crs is given; lat and lon are taken as WGS84 (EPSG:4326)"
+        file.notes.append(Notice("crs-assumed", text, crs=_WGS84.crs))
+    cloud = read_cloud(part["cloud"], file)
+    points, picks, plane = _with_images(part["images"], file, points, plane)
+    known: Keys = dict.fromkeys([*points, *cloud], ())
+    lengths = [
+        length
+        for key in ("distances", "scale_bars")
+        for length in read_lengths(part[key], key, file, known)
+    ]
     if not (points or cloud or lengths or picks):
-        raise ControlError(f"{source.file} is empty; expected points, distances or scale bars")
+        raise nothing
     return Control(
-        label=str(path),
-        crs=_checked_crs(points, plane, source),
+        label=str(file.path),
+        crs=_checked_crs(points, plane, file.name),
         height_m=top.elevation_m("height"),
         points=points,
-        lengths=tuple(length for length, _ in lengths),
+        lengths=tuple(lengths),
         cloud=cloud,
         picks=tuple(picks),
-        warnings=(*source.notes, *_coarse([length for length, _ in lengths], source)),
-        named=tuple(source.named),
+        warnings=(*file.notes, *_coarse(lengths, file.name)),
+        named=tuple(file.named),
     )
-
-
-def _part(root: Node, key: str) -> Node:
-    return (root.members or {}).get(key, Node())
 
 
 def _unit(top: Entry) -> Optional[str]:
@@ -183,68 +162,63 @@ def _unit(top: Entry) -> Optional[str]:
         return node.text
     meant = _UNIT_WORDS.get((node.text or "").strip().lower())
     hint = f"did you mean {quoted(meant)}?" if meant else near_miss(node.text or "", _UNITS)
-    raise top.error(f"unit is {node.said}: {hint}; it may be m, ft or us-ft")
+    raise top.error(f"unit is {node.described}: {hint}; it may be m, ft or us-ft")
 
 
-def _plane(top: Entry) -> Optional[Plane]:
+def _plane(top: Entry) -> Optional[PlaneCoordinates]:
     if not top.has("crs"):
         return None
-    text = top.fields["crs"].text
-    if text is None:
-        raise top.error(f"crs is {top.fields['crs'].said}: expected EPSG:n, WKT or a PROJ string")
+    node = top.fields["crs"]
+    if node.text is None:
+        raise top.error(f"crs is {node.described}: expected EPSG:n, WKT or a PROJ string")
     try:
-        return plane_of(text)
+        return plane_of(node.text)
     except CrsError as error:
         raise top.error(f"crs: {error}") from None
 
 
 def _with_images(
-    root: Node,
-    source: Source,
+    node: SyntaxNode,
+    file: ControlFile,
     points: Mapping[str, ControlPoint],
-    plane: Optional[Plane],
-) -> Tuple[Mapping[str, ControlPoint], Sequence[Pick], Optional[Plane]]:
+    plane: Optional[PlaneCoordinates],
+) -> Tuple[Mapping[str, ControlPoint], Sequence[Pick], Optional[PlaneCoordinates]]:
     """Add what was seen in photographs; points of the control file keep what it says of them."""
-    node = _part(root, "images")
     if node.empty:
         return points, (), plane
     if node.text is None:
         raise ControlError(
-            f"{source.file}: images is {node.said}: expected the path of a gcp_list.txt"
+            f"{file.name}: images is {node.described}: expected the path of a gcp_list.txt"
         )
-    listed = read_gcp_rows(source.beside(node.text, "images"))
-    seen = sightings(listed, points, plane)
-    rows = {name: row for name, row in seen.points.items() if name not in points}
-    if len(points) + len(rows) > MAX_POINTS:
-        raise ControlError(f"{source.file}: more than {MAX_POINTS:,} points with those of images")
-    plane = listed.plane if plane is None else plane
-    added, warnings = control_points(listed, rows, plane)
-    source.notes.extend([*seen.warnings, *warnings])
-    return {**points, **added}, seen.picks, plane
+    listed = read_gcp_list(file.beside(node.text, "images"))
+    added, picks, notes = points_and_picks(listed, points, plane)
+    if len(points) + len(added) > MAX_POINTS:
+        raise ControlError(f"{file.name}: more than {MAX_POINTS:,} points with those of images")
+    file.notes.extend(notes)
+    return {**points, **added}, picks, listed.plane if plane is None else plane
 
 
 def _checked_crs(
-    points: Mapping[str, ControlPoint], plane: Optional[Plane], source: Source
+    points: Mapping[str, ControlPoint], plane: Optional[PlaneCoordinates], label: str
 ) -> Optional[str]:
     """Return the CRS of positions that exist on the Earth; None when there are no positions."""
-    x = [point.x for point in points.values() if point.x is not None]
-    y = [point.y for point in points.values() if point.y is not None]
-    if plane is None or not x:
+    positions = [(point.x, point.y) for point in points.values() if point.x is not None]
+    if plane is None or not positions:
         return None
-    to_crs(x, y, plane.crs, _WGS84.crs, source.file)
+    x, y = np.array(positions, dtype=np.float64).T.copy()
+    to_crs(x, y, plane.crs, _WGS84.crs, label)
     return plane.crs
 
 
-def _coarse(lengths: Sequence[Length], source: Source) -> List[str]:
-    """Warn of accuracies that are more than what they are of."""
+def _coarse(lengths: Sequence[Length], label: str) -> List[Notice]:
+    """Return a warning of accuracies that are more than what they are of."""
     coarse = [
         f"{length.start}-{length.end}"
         for length in lengths
         if length.accuracy_m is not None and length.accuracy_m >= length.length_m
     ]
-    if not coarse:
-        return []
-    return [
-        f"{source.file}: the accuracy is as large as the length itself ({', '.join(coarse[:5])}); "
-        "it is one standard deviation, in the same unit"
-    ]
+    text = (
+        f"{label}: the accuracy is as large as the length itself ({', '.join(coarse[:5])}); it is "
+        "one standard deviation, in the same unit"
+    )
+    return [Notice("accuracy-coarse", text, lengths=coarse)] if coarse else []

@@ -1,44 +1,52 @@
-"""YAML and JSON -> a tree in which every name and number is still the text that the user wrote.
+"""The text of a control file -> a tree in which names and numbers are still as they were written.
 
 YAML takes ``NO`` for a truth value, ``2024-01-01`` for a date and ``34:24:29`` for a number of
-seconds; a point may have any of these names. What else YAML can do (aliases, which let a few lines
-stand for billions; tags, which make objects; several documents) has no place in a control file.
+seconds, but a point may have any of these names. Aliases (which let a few lines stand for
+billions), tags (which make objects) and further documents have no place in a control file. The
+tree is therefore built from the parser's events: ``yaml.compose`` would already have followed
+the aliases.
 """
 
 from __future__ import annotations
 
+import codecs
 import json
 import re
 from collections import Counter
-from dataclasses import dataclass, replace
-from typing import Any, Dict, List, Mapping, NoReturn, Optional, Sequence, Tuple
+from dataclasses import dataclass
+from itertools import takewhile
+from pathlib import Path
+from typing import Any, Dict, Iterator, List, Mapping, NoReturn, Optional, Sequence, Tuple, Union
 
 import yaml
 
 from ...errors import ControlError
+from ...files.reading import read_small
 
-__all__ = ["Node", "quoted", "read_json", "read_yaml"]
+__all__ = ["SyntaxNode", "printable", "quoted", "read_json", "read_text", "read_yaml"]
 
+_MAX_BYTES = 10_000_000
 _MAX_NESTING = 8  # control files have four levels
 _DEEP = re.compile(rf"[\[{{]{{{_MAX_NESTING + 1}}}")
 _TOO_DEEP = "nested too deeply for a control file; see its format"
+_EXPECTED = "expected lines such as 'crs: EPSG:4326'"
 _NOTHING = frozenset(["", "~", "null", "Null", "NULL"])
 _LOADER: Any = getattr(yaml, "CBaseLoader", yaml.BaseLoader)  # libyaml, where it was built in
-_MAX_QUOTED = 60
+_MAX_QUOTED, _MAX_SHOWN = 60, 200
 
 
 @dataclass(frozen=True)
-class Node:
+class SyntaxNode:
     """A text, a list, a mapping, or nothing (all three None).
 
     Attributes
     ----------
-    line : of its key, or where it begins, counted from 1; None in JSON, which does not tell.
+    line : of its key, or where it begins, counted from 1; None in JSON.
     """
 
     text: Optional[str] = None
-    items: Optional[Sequence[Node]] = None
-    members: Optional[Mapping[str, Node]] = None
+    items: Optional[Sequence[SyntaxNode]] = None
+    members: Optional[Mapping[str, SyntaxNode]] = None
     line: Optional[int] = None
 
     @property
@@ -47,7 +55,7 @@ class Node:
         return self.text is None and self.items is None and self.members is None
 
     @property
-    def said(self) -> str:
+    def described(self) -> str:
         """What it is, for messages."""
         if self.text is not None:
             return quoted(self.text)
@@ -61,35 +69,111 @@ def quoted(text: str) -> str:
     return repr(text if len(text) <= _MAX_QUOTED else text[: _MAX_QUOTED - 3] + "...")
 
 
-def read_yaml(text: str, file: str) -> Node:
-    """Parse one YAML document.
+def printable(text: object) -> str:
+    """Return what a user wrote as one printable piece of a line, at most 200 characters."""
+    line = str(text)
+    line = line if line.isprintable() else repr(line)[1:-1]
+    return line if len(line) <= _MAX_SHOWN else "..." + line[3 - _MAX_SHOWN :]
+
+
+def read_text(path: Union[str, Path]) -> str:
+    """Return the content of a small text file in UTF-8, or in UTF-16 with a byte order mark.
 
     Raises
     ------
     ControlError
-        When it is no YAML, repeats a key, nests deeper than a control file can, or has aliases,
+        There is no such file, it cannot be read, is larger than 10 MB, empty, binary, a web page,
+        a Git LFS pointer, or not in these encodings.
+    """
+    path = Path(path)
+    name = printable(path.name or path)
+    expected = "a control file with points, distances or scale bars"
+    data = read_small(path, most=_MAX_BYTES, what=expected, error=ControlError, label=name)
+    wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    try:
+        text = data.decode("utf-16" if wide else "utf-8-sig")
+    except UnicodeDecodeError:
+        text = "\x00" if b"\x00" in data[:4096] else ""
+        if not text:
+            raise ControlError(f"{name} is not in UTF-8; save it as UTF-8") from None
+    if "\x00" in text:
+        raise ControlError(
+            f"{name} is binary; expected a text file: YAML, JSON, CSV or OpenDroneMap's "
+            "gcp_list.txt"
+        )
+    return text
+
+
+def read_yaml(text: str, file: str) -> SyntaxNode:
+    """Return the tree of one YAML document.
+
+    Raises
+    ------
+    ControlError
+        It is no YAML, repeats a key, nests deeper than a control file can, or has aliases,
         anchors, tags or several documents.
     """
-    grower = _Grower(file)
+    events = yaml.parse(text, Loader=_LOADER)
+    root, documents = SyntaxNode(), 0
     try:
-        for event in yaml.parse(text, Loader=_LOADER):
-            grower.take(event)
+        for event in events:
+            if isinstance(event, yaml.DocumentStartEvent):
+                documents += 1
+                if documents > 1:
+                    _refuse(file, event, "a second document ('---') begins; keep one in a file")
+            elif isinstance(event, yaml.NodeEvent):
+                root = _yaml_node(event, events, file, 0)
+    except ControlError:
+        raise
     except yaml.MarkedYAMLError as error:
         raise ControlError(_not_yaml(error, text, file)) from None
     except (yaml.YAMLError, ValueError, OverflowError) as error:
-        said = " ".join(str(error).split())[:120]
-        raise ControlError(f"{file}: not valid YAML ({said}); {_EXPECTED}") from None
-    return grower.root
+        message = " ".join(str(error).split())[:120]
+        raise ControlError(f"{file}: not valid YAML ({message}); {_EXPECTED}") from None
+    return root
 
 
-_EXPECTED = "expected lines such as 'crs: EPSG:4326'"
+def _yaml_node(event: Any, events: Iterator[Any], file: str, depth: int) -> SyntaxNode:
+    """Return the node that an event begins; the events of what is in it are taken as well."""
+    line = _line(event)
+    if event.anchor is not None:
+        _refuse(file, event, "anchors (&) and aliases (*) are not read; write the value out")
+    if event.tag is not None:
+        _refuse(file, event, "tags (!) are not read; write the plain value, in quotes if need be")
+    if isinstance(event, yaml.ScalarEvent):
+        nothing = event.style in (None, "") and event.value in _NOTHING
+        return SyntaxNode(None if nothing else event.value, line=line)
+    if depth >= _MAX_NESTING:
+        _refuse(file, event, _TOO_DEEP)
+    inside = takewhile(lambda each: isinstance(each, yaml.NodeEvent), events)
+    if isinstance(event, yaml.SequenceStartEvent):
+        items = [_yaml_node(item, events, file, depth + 1) for item in inside]
+        return SyntaxNode(items=items, line=line)
+    members: Dict[str, SyntaxNode] = {}
+    for key in inside:
+        _yaml_node(key, events, file, depth + 1)
+        if not isinstance(key, yaml.ScalarEvent):
+            _refuse(file, key, "a list or mapping stands where a name is expected")
+        if key.value in members:
+            _refuse(file, key, f"{quoted(key.value)} is there a second time; keep one of the two")
+        value = _yaml_node(next(events), events, file, depth + 1)
+        members[key.value] = SyntaxNode(value.text, value.items, value.members, _line(key))
+    return SyntaxNode(members=members, line=line)
+
+
+def _line(event: yaml.Event) -> int:
+    return event.start_mark.line + 1 if event.start_mark else 0
+
+
+def _refuse(file: str, event: yaml.Event, problem: str) -> NoReturn:
+    raise ControlError(f"{file}: line {_line(event)}: {problem}")
 
 
 def _not_yaml(error: yaml.MarkedYAMLError, text: str, file: str) -> str:
-    """Say what is wrong; by the line where the parser stopped where that tells, else in its words.
+    """Say what is wrong: by the line where the parser stopped if that shows it, else in its words.
 
-    The parser looks up to 1,024 characters ahead, and libyaml gives up at 1,000 levels: a line of
-    that many brackets is refused before an event tells how deep it is.
+    The parser looks up to 1,024 characters ahead, and libyaml gives up at 1,000 levels. A line of
+    that many brackets is recognised here, since no event has told how deep it is.
     """
     mark = error.problem_mark or error.context_mark
     if mark is None:
@@ -98,88 +182,19 @@ def _not_yaml(error: yaml.MarkedYAMLError, text: str, file: str) -> str:
     line = "".join(text.splitlines()[mark.line : mark.line + 1])
     if _DEEP.search(line):
         return f"{where}: {_TOO_DEEP}"
-    said = " ".join(str(error.problem or error.context or "cannot be understood").split())
+    message = " ".join(str(error.problem or error.context or "cannot be understood").split())
     tabbed = line.lstrip(" ").startswith("\t")
     hint = "indent with blanks, not with tabs" if tabbed else _EXPECTED
-    return f"{where}: not valid YAML ({said[:120]}); {hint}"
+    return f"{where}: not valid YAML ({message[:120]}); {hint}"
 
 
-class _Grower:
-    """Builds the tree from the parser's events; an own stack, so that no depth can hurt."""
-
-    def __init__(self, file: str) -> None:
-        self.root = Node()
-        self._file = file
-        self._documents = 0
-        self._open: List[_Branch] = []
-
-    def take(self, event: yaml.Event) -> None:
-        """Go on by one event."""
-        line = event.start_mark.line + 1 if event.start_mark else 0
-        if isinstance(event, yaml.DocumentStartEvent):
-            self._documents += 1
-            if self._documents > 1:
-                self._refuse(line, "a second document ('---') begins; keep one in a file")
-        if getattr(event, "anchor", None) is not None:
-            self._refuse(line, "anchors (&) and aliases (*) are not read; write the value out")
-        if getattr(event, "tag", None) is not None:
-            self._refuse(line, "tags (!) are not read; write the plain value, in quotes if need be")
-        if isinstance(event, yaml.ScalarEvent):
-            nothing = event.style in (None, "") and event.value in _NOTHING
-            self._put(Node(None if nothing else event.value, line=line), event.value)
-        elif isinstance(event, (yaml.MappingStartEvent, yaml.SequenceStartEvent)):
-            if len(self._open) >= _MAX_NESTING:
-                self._refuse(line, _TOO_DEEP)
-            self._open.append(_Branch(isinstance(event, yaml.MappingStartEvent), line))
-        elif isinstance(event, (yaml.MappingEndEvent, yaml.SequenceEndEvent)):
-            self._put(self._open.pop().node(), None)
-
-    def _put(self, node: Node, key: Optional[str]) -> None:
-        """Add a finished node to the innermost open branch: as a key, a value or an item."""
-        if not self._open:
-            self.root = node
-            return
-        branch = self._open[-1]
-        if not branch.mapping:
-            branch.items.append(node)
-        elif branch.key is not None:
-            branch.members[branch.key] = replace(node, line=branch.key_line)
-            branch.key = None
-        elif key is None:
-            self._refuse(node.line, "a list or mapping stands where a name is expected")
-        elif key in branch.members:
-            self._refuse(node.line, f"{quoted(key)} is there a second time; keep one of the two")
-        else:
-            branch.key, branch.key_line = key, node.line
-
-    def _refuse(self, line: Optional[int], problem: str) -> NoReturn:
-        raise ControlError(f"{self._file}: line {line}: {problem}")
-
-
-class _Branch:
-    """A list or mapping that is still open."""
-
-    def __init__(self, mapping: bool, line: int) -> None:
-        self.mapping = mapping
-        self.key: Optional[str] = None
-        self.key_line: Optional[int] = None
-        self.items: List[Node] = []
-        self.members: Dict[str, Node] = {}
-        self._line = line
-
-    def node(self) -> Node:
-        if self.mapping:
-            return Node(members=self.members, line=self._line)
-        return Node(items=self.items, line=self._line)
-
-
-def read_json(text: str, file: str) -> Node:
-    """Parse JSON; numbers stay the text that they were.
+def read_json(text: str, file: str) -> SyntaxNode:
+    """Return the tree of a JSON document; numbers stay the text that they were.
 
     Raises
     ------
     ControlError
-        When it is no JSON, repeats a key, holds NaN or Infinity, or nests too deeply.
+        It is no JSON, repeats a key, holds NaN or Infinity, or nests too deeply.
     """
 
     def members(pairs: List[Tuple[str, Any]]) -> Dict[str, Any]:
@@ -210,15 +225,12 @@ def read_json(text: str, file: str) -> Node:
     return _json_node(tree, file, 0)
 
 
-def _json_node(value: Any, file: str, depth: int) -> Node:
+def _json_node(value: Any, file: str, depth: int) -> SyntaxNode:
     if depth > _MAX_NESTING:
         raise ControlError(f"{file}: {_TOO_DEEP}")
-    if value is None:
-        return Node()
-    if isinstance(value, bool):
-        return Node("true" if value else "false")
     if isinstance(value, list):
-        return Node(items=[_json_node(item, file, depth + 1) for item in value])
+        return SyntaxNode(items=[_json_node(item, file, depth + 1) for item in value])
     if isinstance(value, dict):
-        return Node(members={k: _json_node(item, file, depth + 1) for k, item in value.items()})
-    return Node(value)
+        inner = {key: _json_node(item, file, depth + 1) for key, item in value.items()}
+        return SyntaxNode(members=inner)
+    return SyntaxNode(str(value).lower() if isinstance(value, bool) else value)

@@ -1,4 +1,4 @@
-"""An all.zip: only the point cloud comes out of it, and only into a folder that is removed again.
+"""An all.zip: whether it is sound, and the point cloud in it, unpacked into a temporary folder.
 
 An archive is somebody else's: names may lead out of the folder, a small file may unpack to a
 huge one, the list of members may be longer than memory, and the end may be missing. All of that is
@@ -7,24 +7,40 @@ found before or while a member is written.
 
 from __future__ import annotations
 
+import io
 import re
 import shutil
 import stat
 import zipfile
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
-from typing import Iterator, List, Optional, Sequence, Tuple
+from typing import Iterator, Optional, Sequence, Tuple
 
 from ...cloud import SUFFIXES, refuse_impostor
 from ...cloud.base import naming
 from ...errors import CloudError
 from ...files.writing import scratch
-from ..servers.zips import LIST, Bounded, LongListError
-from .layout import CAMERA_BYTES, CAMERA_FILES, GEOREFERENCING, MODELS, SIDECAR_BYTES, SIDECARS
+from ..redaction import plain
+from .layout import (
+    CAMERA_BYTES,
+    CAMERA_FILES,
+    GEOREFERENCING,
+    MODELS,
+    SIDECAR_BYTES,
+    SIDECARS,
+    LocatedCloud,
+    read_sidecar,
+)
+
+__all__ = ["unpacked", "zip_fault"]
+
+LIST = 10 << 20
+"""Bytes of a zip's list of members: some 80,000; each takes a kilobyte of memory."""
 
 _GIB = 1 << 30
 _MAX_SIZE = 200 * _GIB
-_MAX_RATIO = 100
+_MAX_RATIO = 100  # pictures and clouds, of which results are made, hardly pack at all
 _SMALL = 10 << 20  # bytes: below this any ratio is harmless
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # others unpack blocks of any size at once
 _SPARE = 64 << 20  # bytes to leave free on the disk
@@ -34,9 +50,48 @@ _DRIVE = re.compile(r"^[A-Za-z]:")
 _AGAIN = "expected the complete all.zip of a task: download it again"
 
 
+class _LongListError(Exception):
+    """A zip's list of members is longer than any result's."""
+
+
+class _Bounded(io.FileIO):
+    """A file of which no more is read at once than a list of members may have.
+
+    That list is what zipfile reads whole, at the length that the end of the file gives.
+    """
+
+    def read(self, size: Optional[int] = -1) -> bytes:
+        data: bytes = super().read(LIST + 1 if size is None or size < 0 else min(size, LIST + 1))
+        if len(data) > LIST:
+            raise _LongListError
+        return data
+
+
+def zip_fault(path: Path) -> Optional[str]:
+    """Return what is wrong with a zip, reading all of it; None when it is sound and not empty."""
+    try:
+        with _Bounded(str(path)) as file, zipfile.ZipFile(file) as archive:
+            members = archive.infolist()
+            whole, size = sum(member.file_size for member in members), path.stat().st_size
+            if whole > _SMALL and whole > _MAX_RATIO * size:
+                return f"unpacks to {whole // size} times its size, which no result does"
+            broken = archive.testzip()
+    except _LongListError:
+        return "has more members than any result"
+    except zipfile.BadZipFile:
+        return "is no zip, or its end is missing"
+    except (OSError, RuntimeError, NotImplementedError, EOFError, ValueError) as error:
+        return f"cannot be read ({plain(error, 80)})"
+    except Exception as error:  # zlib.error, lzma.LZMAError: what damaged data makes of them
+        return f"is damaged ({type(error).__name__})"
+    if broken is not None:
+        return f"is damaged: {plain(broken, 80)} does not have its checksum"
+    return None if members else "is empty"
+
+
 @contextmanager
-def unpacked(path: Path, *, cameras: bool = False) -> Iterator[Path]:
-    """Unpack the point cloud of an archive; its path is valid within the ``with`` block.
+def unpacked(path: Path, *, cameras: bool = False) -> Iterator[LocatedCloud]:
+    """Unpack the point cloud of an archive, which is there within the ``with`` block.
 
     With `cameras` the files that tell where the photographs were taken come out beside it.
 
@@ -52,25 +107,25 @@ def unpacked(path: Path, *, cameras: bool = False) -> Iterator[Path]:
             for member in members:
                 _refuse_unsafe(path, member)
             chosen = _choose(path, members)
-            target = folder / "/".join(_parts(chosen)[-2:])
-            target.parent.mkdir(exist_ok=True)
+            parts = _parts(chosen)
+            target = folder / "/".join(parts[-2:])
             _require_sound(path, chosen, folder)
             _write(path, archive, chosen, target, chosen.file_size)
-            for sidecar in _sidecars(members, chosen):
-                _write(path, archive, sidecar, target.parent / _parts(sidecar)[-1], SIDECAR_BYTES)
-            for name, member in _cameras(members, chosen) if cameras else ():
-                _require_sound(path, member, folder)
-                (folder / name).parent.mkdir(exist_ok=True)
-                _write(path, archive, member, folder / name, CAMERA_BYTES)
-        yield target
+            for place, member, most in _beside(members, parts, cameras):
+                if place in CAMERA_FILES:
+                    _require_sound(path, member, folder)
+                _write(path, archive, member, folder / place, most)
+        is_odm = target.parent.name.startswith("odm_")
+        alias = (str(folder if is_odm else target.parent), str(path))
+        yield LocatedCloud((target,), is_odm, read_sidecar(target), alias=alias)
 
 
 @contextmanager
 def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
-    with Bounded(str(path)) as stream:
+    with _Bounded(str(path)) as stream:
         try:
             archive = zipfile.ZipFile(stream)
-        except LongListError:
+        except _LongListError:
             raise CloudError(
                 f"{path}: has a list of members of more than {LIST >> 20} MB, some 80,000 of "
                 f"them; {_AGAIN}, or unpack it yourself and give the folder"
@@ -95,32 +150,29 @@ def _parts(member: zipfile.ZipInfo) -> Sequence[str]:
 
 def _refuse_unsafe(path: Path, member: zipfile.ZipInfo) -> None:
     """One such member is reason enough to trust none of the archive."""
-    shown = repr(member.filename[:60])
-    parts = _parts(member)
-    reason = None
+    parts, reason = _parts(member), None
     if ".." in parts or (parts and parts[0].startswith("/")) or _DRIVE.match(member.filename):
         reason = "leads out of the folder it is unpacked to"
     elif stat.S_ISLNK(member.external_attr >> 16):
         reason = "is a link"
     if reason:
         raise CloudError(
-            f"{path}: its member {shown} {reason}, so all of it is refused; " f"{_AGAIN}"
+            f"{path}: its member {member.filename[:60]!r} {reason}, so all of it is refused; "
+            f"{_AGAIN}"
         )
 
 
 def _choose(path: Path, members: Sequence[zipfile.ZipInfo]) -> zipfile.ZipInfo:
-    """The georeferenced model; else the one cloud there is."""
+    """Return the georeferenced model; else the one cloud there is."""
     files = [member for member in members if not member.is_dir() and _parts(member)]
     inside = [m for m in files if GEOREFERENCING in m.filename and len(_parts(m)) <= _MAX_DEPTH + 2]
     for name in MODELS:
         found = [m for m in inside if tuple(_parts(m)[-2:]) == (GEOREFERENCING, name)]
         if found:
             return _only(path, found)
-    clouds = [
-        member
-        for member in files
-        if Path(_parts(member)[-1]).suffix.lower() in SUFFIXES and not _is_note(member)
-    ]
+    # Text files are none: ODM's outputs carry notes (task_output.txt, proj.txt).
+    suffixes = set(SUFFIXES) - {".txt"}
+    clouds = [m for m in files if Path(_parts(m)[-1]).suffix.lower() in suffixes]
     if clouds and not any(part.startswith("odm_") for m in files for part in _parts(m)):
         return _only(path, clouds)
     entwine = any(_parts(member)[-1] == "ept.json" for member in files)
@@ -128,11 +180,6 @@ def _choose(path: Path, members: Sequence[zipfile.ZipInfo]) -> zipfile.ZipInfo:
     raise CloudError(
         f"{path}: holds no point cloud; looked for {GEOREFERENCING}/{', '.join(MODELS)}; {hint}"
     )
-
-
-def _is_note(member: zipfile.ZipInfo) -> bool:
-    """Text files that ODM outputs carry besides clouds (task_output.txt, proj.txt)."""
-    return member.filename.lower().endswith(".txt")
 
 
 def _only(path: Path, found: Sequence[zipfile.ZipInfo]) -> zipfile.ZipInfo:
@@ -176,52 +223,37 @@ def _require_sound(path: Path, member: zipfile.ZipInfo, folder: Path) -> None:
         )
 
 
-def _sidecars(members: Sequence[zipfile.ZipInfo], chosen: zipfile.ZipInfo) -> List[zipfile.ZipInfo]:
-    """Small files beside the model that name its CRS; oversized or encrypted ones are ignored."""
-    folder = _parts(chosen)[:-1]
-    return [
-        member
-        for member in members
-        if _parts(member)[:-1] == folder
-        and _parts(member)[-1] in SIDECARS
-        and member.file_size <= SIDECAR_BYTES
-        and member.compress_type in _METHODS
-        and not member.flag_bits & 1
-    ]
+def _beside(
+    members: Sequence[zipfile.ZipInfo], chosen: Sequence[str], cameras: bool
+) -> Iterator[Tuple[str, zipfile.ZipInfo, int]]:
+    """Yield what tells of the CRS and the photographs: place in the project, member, most bytes.
 
-
-def _cameras(
-    members: Sequence[zipfile.ZipInfo], chosen: zipfile.ZipInfo
-) -> List[Tuple[str, zipfile.ZipInfo]]:
-    """Find what tells of the photographs, in the model's own project; oversized is ignored."""
-    root = _parts(chosen)[:-2]
+    What is too large is ignored, and so are small files that are encrypted or packed oddly.
+    """
+    root = chosen[:-2]
     found = {"/".join(_parts(m)[len(root) :]): m for m in members if _parts(m)[: len(root)] == root}
-    return [
-        (name, found[name])
-        for name in CAMERA_FILES
-        if name in found and found[name].file_size <= CAMERA_BYTES
-    ]
+    limits = {"/".join((*chosen[-2:-1], name)): SIDECAR_BYTES for name in SIDECARS}
+    limits.update(dict.fromkeys(CAMERA_FILES if cameras else (), CAMERA_BYTES))
+    for place, most in limits.items():
+        member = found.get(place)
+        if member is None or member.file_size > most:
+            continue
+        if most > SIDECAR_BYTES or (member.compress_type in _METHODS and not member.flag_bits & 1):
+            yield place, member, most
 
 
 def _write(
     path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo, target: Path, most: int
 ) -> None:
     """Unpack one member; zipfile itself checks its length and checksum at the end."""
+    name = f"{path}: its member {member.filename[:60]!r}"
+    target.parent.mkdir(exist_ok=True)
     written = 0
     with archive.open(member) as source, target.open("wb") as out:
-        while True:
-            block: Optional[bytes] = source.read(_BLOCK)
-            if not block:
-                break
+        for block in iter(partial(source.read, _BLOCK), b""):
             written += len(block)
             if written > most:
-                raise CloudError(
-                    f"{path}: its member {member.filename[:60]!r} is larger than it claims; "
-                    f"{_AGAIN}"
-                )
+                raise CloudError(f"{name} is larger than it claims; {_AGAIN}")
             out.write(block)
     if written != member.file_size:
-        raise CloudError(
-            f"{path}: its member {member.filename[:60]!r} has {written} bytes of "
-            f"{member.file_size}; {_AGAIN}"
-        )
+        raise CloudError(f"{name} has {written} bytes of {member.file_size}; {_AGAIN}")

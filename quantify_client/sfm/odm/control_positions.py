@@ -107,16 +107,12 @@ def _position(path: Path, number: int, feature: Mapping[str, Any]) -> ControlPos
             f"{path}: the point {shown(name)} has an error that is not three finite numbers; "
             f"expected {_EXPECTED}"
         )
+    observations = properties.get("observations")
+    listed = observations if isinstance(observations, list) else []
+    names = [item.get("shot_id") for item in listed if isinstance(item, dict)]
     return ControlPosition(
         name,
         (place[0], place[1], place[2]),
         (error[0], error[1], error[2]),
-        _images(properties.get("observations")),
+        tuple(image for image in names if isinstance(image, str)),
     )
-
-
-def _images(observations: Any) -> Tuple[str, ...]:
-    if not isinstance(observations, list):
-        return ()
-    names = [item.get("shot_id") for item in observations if isinstance(item, dict)]
-    return tuple(name for name in names if isinstance(name, str))

@@ -1,6 +1,6 @@
-"""JSON that OpenDroneMap wrote and anybody may have changed: read in full only once it is checked.
+"""JSON files that OpenDroneMap wrote and anybody may have changed: checked, then read.
 
-Numbers are judged where they are used: ODM itself writes NaN into fields that nothing here reads.
+Numbers are checked where they are used: ODM itself writes NaN into fields that nothing here reads.
 """
 
 from __future__ import annotations
@@ -34,19 +34,11 @@ def read_object(path: Path, expected: str) -> Mapping[str, Any]:
     ControlError
         Not there, too large, no JSON, or no object; one line that names the file.
     """
-    document = _parse(
-        path, read_small(path, most=MAX_BYTES, what=expected, error=ControlError), expected
-    )
-    if not isinstance(document, dict):
-        raise ControlError(f"{path}: holds no JSON object; expected {expected}")
-    return document
-
-
-def _parse(path: Path, data: bytes, expected: str) -> Any:
+    data = read_small(path, most=MAX_BYTES, what=expected, error=ControlError)
     if count_values(data) > _MAX_VALUES:
         raise ControlError(f"{path}: holds more than {_MAX_VALUES:,} values; expected {expected}")
     try:
-        return json.loads(data.decode("utf-8-sig"))
+        document = json.loads(data.decode("utf-8-sig"))
     except RecursionError:
         raise ControlError(f"{path}: is nested too deeply; expected {expected}") from None
     except UnicodeDecodeError:
@@ -60,10 +52,13 @@ def _parse(path: Path, data: bytes, expected: str) -> Any:
         raise ControlError(
             f"{path}: holds a number that is none ({error}); expected {expected}"
         ) from None
+    if not isinstance(document, dict):
+        raise ControlError(f"{path}: holds no JSON object; expected {expected}")
+    return document
 
 
 def features(path: Path, document: Mapping[str, Any], expected: str) -> List[Mapping[str, Any]]:
-    """Features of a GeoJSON collection that have properties; ControlError where one has none."""
+    """Return the features of a GeoJSON collection; ControlError where one has no properties."""
     found = document.get("features")
     if not isinstance(found, list) or not found:
         raise ControlError(f"{path}: has no features; expected {expected}")
@@ -85,13 +80,13 @@ def is_number(value: Any) -> bool:
 
 
 def numbers(value: Any, count: int) -> Optional[Tuple[float, ...]]:
-    """Give `count` finite numbers; None when the value is anything else."""
+    """Return `count` finite numbers; None when the value is anything else."""
     if not isinstance(value, list) or len(value) != count or not all(map(is_number, value)):
         return None
     return tuple(float(item) for item in value)
 
 
 def shown(value: Any) -> str:
-    """Text from a file, fit for a message of one line."""
+    """Return a text from a file, fit for a message of one line."""
     text = value if isinstance(value, str) else str(type(value).__name__)
     return "".join(c if c.isprintable() else "?" for c in text[:80])

@@ -7,12 +7,13 @@ import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import List, Optional, Tuple
+from typing import Any, List, Mapping, Optional, Sequence, Tuple
 
+from ...cloud import Fetch
 from ...cloud.base import naming
 from ...errors import CloudError
 from ...files.reading import real_path
-from ...types import Bounds
+from ...types import Bounds, Notice
 
 GEOREFERENCING, ENTWINE = "odm_georeferencing", "entwine_pointcloud"
 MODELS = tuple(
@@ -29,6 +30,18 @@ CONTROL_POSITIONS = f"{GEOREFERENCING}/ground_control_points.geojson"
 CAMERA_FILES = (SHOTS, CAMERAS, CONTROL_POSITIONS)
 CAMERA_BYTES = 100_000_000
 
+MINIMAL_OUTPUTS: Tuple[str, ...] = (
+    f"{GEOREFERENCING}/{MODELS[0]}",
+    *(f"{GEOREFERENCING}/{name}" for name in SIDECARS[:2]),
+    CONTROL_POSITIONS,
+    SHOTS,
+    CAMERAS,
+    "odm_report/stats.json",
+    "images.json",
+    "log.json",
+)
+"""What measuring, scaling and an honest error need; a node leaves out what is missing."""
+
 _FALLBACKS = (f"{ENTWINE}/ept.json", "odm_filterpoints/point_cloud.ply")
 _TILES = (".laz", ".las")
 _DEPTH = 2  # folders between the one given and a project
@@ -36,15 +49,6 @@ _UTM = re.compile(r"WGS84\s+UTM\s+(\d{1,2})\s*([NS])", re.IGNORECASE)
 _PAM = re.compile(r"<SRS\b[^>]*>([^<]+)</SRS>")
 _BESIDE_BYTES = 1 << 16
 _FAR = 200_000.0  # metres: no survey reaches that far from ODM's offset
-
-
-@dataclass(frozen=True)
-class Found:
-    """The files of a cloud within a folder."""
-
-    paths: Tuple[Path, ...]
-    is_odm: bool
-    warnings: Tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -63,8 +67,34 @@ class Sidecar:
         return math.dist(middle, self.offset) <= _FAR
 
 
-def find_cloud(folder: Path) -> Found:
-    """Find the cloud in a folder: an ODM project or a part of it, an EPT set, or tiles.
+@dataclass(frozen=True)
+class LocatedCloud:
+    """The files of a cloud, and what is known of it beyond their contents.
+
+    Attributes
+    ----------
+    paths : where the files are, for now.
+    is_odm : whether OpenDroneMap made it.
+    sidecar : the CRS found beside it.
+    warnings : what is odd about it.
+    inputs : what it was made of, as in ``Source.inputs``; None for the files themselves.
+    alias : a temporary folder, and what users know it by.
+    fetch : brings the other files of an EPT set.
+    stem : a name for the result, where the files do not tell it.
+    """
+
+    paths: Tuple[Path, ...]
+    is_odm: bool
+    sidecar: Optional[Sidecar] = None
+    warnings: Sequence[Notice] = ()
+    inputs: Optional[Sequence[Mapping[str, Any]]] = None
+    alias: Optional[Tuple[str, str]] = None
+    fetch: Optional[Fetch] = None
+    stem: Optional[str] = None
+
+
+def find_cloud(folder: Path) -> LocatedCloud:
+    """Return the cloud in a folder: an ODM project or a part of it, an EPT set, or tiles.
 
     Raises
     ------
@@ -86,25 +116,27 @@ def find_cloud(folder: Path) -> Found:
     return found
 
 
-def _in_project(root: Path) -> Optional[Found]:
+def _in_project(root: Path) -> Optional[LocatedCloud]:
     for name in MODELS:
         for path in (root / GEOREFERENCING / name, root / name):
             if path.is_file():
-                return Found((path,), True)
+                return LocatedCloud((path,), True, read_sidecar(path))
     entwine, filtered = (root / name for name in _FALLBACKS)
     if entwine.is_file():
-        return Found((entwine,), True)
+        return LocatedCloud((entwine,), True, read_sidecar(entwine))
     if filtered.is_file():
-        note = (
+        note = Notice(
+            "cloud-before-georeferencing",
             f"{filtered}: no georeferenced model was found, so the cloud before georeferencing is "
-            "used; its coordinates are local and belong to no CRS"
+            "used; its coordinates are local and belong to no CRS",
+            file=str(filtered),
         )
-        return Found((filtered,), True, (note,))
+        return LocatedCloud((filtered,), True, warnings=(note,))
     return None
 
 
-def _below(folder: Path) -> Optional[Found]:
-    """The one project in the folders below (an unpacked all.zip within a task's folder, say)."""
+def _below(folder: Path) -> Optional[LocatedCloud]:
+    """Return the one project in the folders below, such as an unpacked all.zip."""
     level = [folder]
     for _ in range(_DEPTH):
         level = sorted(path for parent in level for path in parent.iterdir() if path.is_dir())
@@ -119,12 +151,11 @@ def _below(folder: Path) -> Optional[Found]:
     return None
 
 
-def _as_tiles(folder: Path) -> Optional[Found]:
+def _as_tiles(folder: Path) -> Optional[LocatedCloud]:
     ept = folder / "ept.json"
-    if ept.is_file():
-        return Found((ept,), False)
-    tiles = sorted(path for path in folder.iterdir() if path.suffix.lower() in _TILES)
-    return Found(tuple(tiles), False) if tiles else None
+    files = [ept] if ept.is_file() else sorted(folder.iterdir())
+    tiles = tuple(path for path in files if path == ept or path.suffix.lower() in _TILES)
+    return LocatedCloud(tiles, False, read_sidecar(tiles[0])) if tiles else None
 
 
 def belongs_to_odm(path: Path) -> bool:
@@ -148,7 +179,7 @@ def project_of(path: Path) -> Optional[Path]:
 
 
 def read_sidecar(cloud: Path) -> Optional[Sidecar]:
-    """Find the CRS in the files that ODM writes beside its model, or GIS programs beside any cloud.
+    """Return the CRS in the files that ODM writes beside its model, or GIS programs beside a cloud.
 
     The model is already in full coordinates: the offset in coords.txt is not to be added, it only
     tells whether the CRS can be that of the cloud.
@@ -158,13 +189,8 @@ def read_sidecar(cloud: Path) -> Optional[Sidecar]:
     real = real_path(cloud)
     folder = real.parent.parent / GEOREFERENCING if _is_entwine(real) else real.parent
     for name in SIDECARS:
-        path = folder / name
-        with naming(path, "expected a small text file that names a CRS"):
-            if not path.is_file():
-                continue
-            with path.open("rb") as stream:
-                text = stream.read(SIDECAR_BYTES).decode("utf-8-sig", "replace")
-        lines = [line.strip() for line in text.splitlines() if line.strip()]
+        lines = [line.strip() for line in _read_head(folder / name, SIDECAR_BYTES).splitlines()]
+        lines = [line for line in lines if line]
         crs = _crs(lines[0]) if lines else None
         if crs is not None:
             return Sidecar(crs, name, _offset(lines))
@@ -174,17 +200,22 @@ def read_sidecar(cloud: Path) -> Optional[Sidecar]:
 def _crs_beside(cloud: Path) -> Optional[Sidecar]:
     """Return what cloud.prj (ESRI) or cloud.laz.aux.xml (GDAL) says."""
     for path in (cloud.with_suffix(".prj"), cloud.with_name(f"{cloud.name}.aux.xml")):
-        with naming(path, "expected a small text file that names a CRS"):
-            if not path.is_file():
-                continue
-            with path.open("rb") as stream:
-                text = stream.read(_BESIDE_BYTES).decode("utf-8-sig", "replace").strip()
+        text = _read_head(path, _BESIDE_BYTES).strip()
         if path.suffix == ".xml":
             found = _PAM.search(text)
             text = html.unescape(found.group(1)).strip() if found else ""
         if text:
             return Sidecar(text, path.name)
     return None
+
+
+def _read_head(path: Path, most: int) -> str:
+    """Return the beginning of a small text file; nothing where there is none."""
+    with naming(path, "expected a small text file that names a CRS"):
+        if not path.is_file():
+            return ""
+        with path.open("rb") as stream:
+            return stream.read(most).decode("utf-8-sig", "replace")
 
 
 def _crs(line: str) -> Optional[str]:

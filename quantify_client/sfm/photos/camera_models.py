@@ -73,14 +73,40 @@ class Camera:
         """The longer side in pixels, which OpenSfM's lengths are shares of."""
         return max(self.width, self.height)
 
+    def term(self, name: str) -> float:
+        """Return a parameter; 0 where it is absent, or the model makes no use of it."""
+        return self.parameters.get(name, 0.0) if name in PARAMETERS[self.projection] else 0.0
+
+    @cached_property
+    def focal(self) -> FloatArray:
+        """(2,) focal lengths in x and y, in shares of the longer side."""
+        names = ("focal_x", "focal_y") if "focal_x" in self.parameters else ("focal", "focal")
+        return np.array([self.term(name) for name in names])
+
+    @cached_property
+    def principal_point(self) -> FloatArray:
+        """(2,) shares of the longer side, from the middle."""
+        return np.array([self.term("c_x"), self.term("c_y")])
+
+    @cached_property
+    def middle(self) -> FloatArray:
+        """(2,) the pixel of (u, v) = 0; as in GCP files, the first pixel has its middle at 0."""
+        return np.array([self.width / 2 - 0.5, self.height / 2 - 0.5])
+
+    @cached_property
+    def radial(self) -> Tuple[float, ...]:
+        """Coefficients k1, k2 ... of the radial distortion."""
+        names = (name for name in PARAMETERS[self.projection] if name.startswith("k"))
+        return tuple(self.term(name) for name in names)
+
     @cached_property
     def fold(self) -> float:
-        """Distance from the middle (in focal lengths, or radians) where the lens model turns back.
+        """Where the lens model turns back: distance from the middle in focal lengths or radians.
 
         The radial polynomial r (1 + k1 r^2 + k2 r^4 + ...) grows up to the first root of
         1 + 3 k1 r^2 + 5 k2 r^4 + ...; infinite if there is none, and pi for a fisheye.
         """
-        terms = [k if abs(k) > _NO_TERM else 0.0 for k in _radial(self)]
+        terms = [k if abs(k) > _NO_TERM else 0.0 for k in self.radial]
         slope = [1.0, *((2 * i + 3) * k for i, k in enumerate(terms))]
         roots = np.roots(slope[::-1])
         real = roots.real[(np.abs(roots.imag) <= 1e-9 * np.abs(roots)) & (roots.real > 0)]
@@ -89,7 +115,7 @@ class Camera:
 
 
 def project(camera: Camera, points: npt.ArrayLike) -> FloatArray:
-    """Where points are seen in the photograph.
+    """Return where points are seen in the photograph.
 
     Parameters
     ----------
@@ -109,14 +135,16 @@ def project(camera: Camera, points: npt.ArrayLike) -> FloatArray:
             plane = _longitude_latitude(xyz) * [1.0, -1.0] / (2 * math.pi)
         else:
             flat = _equidistant(xyz) if camera.projection in _FISHEYES else _pinhole(xyz)
-            plane = _affine(camera, _distort(camera, flat))
-        pixels = plane * camera.size + _middle(camera)
+            bent, derivative = _bent(camera, flat)
+            bent[~_inside(camera, flat, derivative)] = np.nan
+            plane = bent * camera.focal + camera.principal_point
+        pixels = plane * camera.size + camera.middle
         pixels[~np.isfinite(pixels).all(axis=1)] = np.nan
     return pixels
 
 
 def bearings(camera: Camera, pixels: npt.ArrayLike) -> FloatArray:
-    """Directions in which pixels look; the inverse of :func:`project`.
+    """Return the directions in which pixels look; the inverse of :func:`project`.
 
     Parameters
     ----------
@@ -130,20 +158,19 @@ def bearings(camera: Camera, pixels: npt.ArrayLike) -> FloatArray:
     """
     given = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
     with np.errstate(all="ignore"):
-        plane = (given - _middle(camera)) / camera.size
+        plane = (given - camera.middle) / camera.size
         if camera.projection == "spherical":
             rays = _on_sphere(plane * [1.0, -1.0] * (2 * math.pi))
         else:
-            flat = _undistort(camera, _from_affine(camera, plane))
-            rays = (
-                _from_equidistant(flat) if camera.projection in _FISHEYES else _from_pinhole(flat)
-            )
+            flat = _undistort(camera, (plane - camera.principal_point) / camera.focal)
+            from_flat = _from_equidistant if camera.projection in _FISHEYES else _from_pinhole
+            rays = from_flat(flat)
         rays[~np.isfinite(rays).all(axis=1)] = np.nan
     return rays
 
 
 def pixel_difference(camera: Camera, first: FloatArray, second: FloatArray) -> FloatArray:
-    """(N, 2) first - second in pixels; the short way round where a photograph closes on itself."""
+    """Return first - second, (N, 2) pixels; the short way round where the image is a sphere."""
     difference = np.asarray(first - second, dtype=np.float64)
     if camera.projection == "spherical":
         half = camera.size / 2
@@ -165,7 +192,7 @@ def _from_pinhole(flat: FloatArray) -> FloatArray:
 
 
 def _equidistant(xyz: FloatArray) -> FloatArray:
-    """The angle from the axis as distance from the middle; sees behind itself."""
+    """Return (N, 2): the angle from the axis as distance from the middle, up to pi."""
     across = np.hypot(xyz[:, 0], xyz[:, 1])
     angle = np.arctan2(across, xyz[:, 2])
     on_axis = np.where(xyz[:, 2] > 0, 1 / xyz[:, 2], np.nan)
@@ -199,57 +226,17 @@ def _on_sphere(angles: FloatArray) -> FloatArray:
     )
 
 
-# -- focal length and principal point -------------------------------------------------------------
-
-
-def _middle(camera: Camera) -> FloatArray:
-    """Pixel of (u, v) = 0: OpenSfM counts from the middle of the first pixel, like GCP files."""
-    return np.array([camera.width / 2 - 0.5, camera.height / 2 - 0.5])
-
-
-def _focal(camera: Camera) -> FloatArray:
-    given = camera.parameters
-    if "focal" in REQUIRED[camera.projection]:
-        return np.array([given["focal"], given["focal"]])
-    return np.array([given["focal_x"], given["focal_y"]])
-
-
-def _principal(camera: Camera) -> FloatArray:
-    if "focal" in REQUIRED[camera.projection]:  # these models have none
-        return np.zeros(2)
-    return np.array([camera.parameters.get("c_x", 0.0), camera.parameters.get("c_y", 0.0)])
-
-
-def _affine(camera: Camera, plane: FloatArray) -> FloatArray:
-    return np.asarray(plane * _focal(camera) + _principal(camera), dtype=np.float64)
-
-
-def _from_affine(camera: Camera, plane: FloatArray) -> FloatArray:
-    return np.asarray((plane - _principal(camera)) / _focal(camera), dtype=np.float64)
-
-
 # -- distortion -----------------------------------------------------------------------------------
 
 
-def _radial(camera: Camera) -> Tuple[float, ...]:
-    names = (name for name in PARAMETERS[camera.projection] if name.startswith("k"))
-    return tuple(camera.parameters.get(name, 0.0) for name in names)
-
-
-def _tangential(camera: Camera) -> Tuple[float, float]:
-    if camera.projection != "brown":
-        return 0.0, 0.0
-    return camera.parameters.get("p1", 0.0), camera.parameters.get("p2", 0.0)
-
-
 def _bent(camera: Camera, flat: FloatArray) -> Tuple[FloatArray, FloatArray]:
-    """Distorted (x, y) and its derivative (xx, xy = yx, yy), which is symmetric: (N, 2), (N, 3)."""
-    p1, p2 = _tangential(camera)
+    """Return distorted (x, y), (N, 2), and its derivative (xx, xy = yx, yy), (N, 3)."""
+    p1, p2 = camera.term("p1"), camera.term("p2")
     x, y = flat.T
     r2 = x * x + y * y
     d, slope = np.ones_like(r2), np.zeros_like(r2)  # of d by r2
     power = np.ones_like(r2)
-    for i, k in enumerate(_radial(camera)):
+    for i, k in enumerate(camera.radial):
         slope = slope + (i + 1) * k * power
         power = power * r2
         d = d + k * power
@@ -276,14 +263,8 @@ def _inside(camera: Camera, flat: FloatArray, derivative: FloatArray) -> npt.NDA
     return np.asarray(near & (xx * yy - xy * xy > 0) & (xx + yy > 0), dtype=np.bool_)
 
 
-def _distort(camera: Camera, flat: FloatArray) -> FloatArray:
-    bent, derivative = _bent(camera, flat)
-    bent[~_inside(camera, flat, derivative)] = np.nan
-    return bent
-
-
 def _undistort(camera: Camera, bent: FloatArray) -> FloatArray:
-    """Radial part by a Newton iteration that cannot leave its bracket, the rest by a plain one."""
+    """Invert `_bent`: the radial part by Newton steps within a bracket, the rest by plain ones."""
     flat = _undistort_radial(camera, bent)
     for _ in range(_ROUNDS):
         reached, derivative = _bent(camera, flat)
@@ -322,16 +303,16 @@ def _undistort_radial(camera: Camera, bent: FloatArray) -> FloatArray:
 
 
 def _radial_value(camera: Camera, r: FloatArray) -> Tuple[FloatArray, FloatArray]:
-    """Distorted distance r (1 + k1 r^2 + ...) and its derivative."""
+    """Return the distorted distance r (1 + k1 r^2 + ...) and its derivative."""
     value, slope, power = r.copy(), np.ones_like(r), np.ones_like(r)
-    for i, k in enumerate(_radial(camera)):
+    for i, k in enumerate(camera.radial):
         power = power * r * r
         value, slope = value + k * power * r, slope + (2 * i + 3) * k * power
     return value, slope
 
 
 def _bracket(camera: Camera, target: FloatArray) -> FloatArray:
-    """A distance beyond the one that is sought: the fold, or what was found by doubling."""
+    """Return a distance beyond the one sought: the fold, or one found by doubling."""
     fold = camera.fold
     if math.isfinite(fold):
         return np.full_like(target, fold)

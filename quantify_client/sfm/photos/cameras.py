@@ -16,16 +16,16 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path, PurePosixPath
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ...errors import ControlError
-from ...types import FloatArray
+from ...types import FloatArray, Notice
 from ..odm.control_positions import ControlPosition, read_control_positions
 from ..odm.json_files import features, is_number, numbers, read_object, shown
 from .camera_models import PARAMETERS, REQUIRED, Camera
@@ -74,10 +74,10 @@ class Shots:
 
     by_image: Mapping[str, Shot]
     label: str
-    warnings: Sequence[str] = field(default=())
+    warnings: Sequence[Notice] = ()
 
     def find(self, image: str) -> Optional[Shot]:
-        """Find the photograph of a name: exactly, else without folder and in any case.
+        """Return the photograph of a name: the exact one, else one that differs in folder or case.
 
         Raises
         ------
@@ -109,7 +109,7 @@ def _base(image: str) -> str:
 
 
 def read_shots(shots_path: Path, cameras_path: Path) -> Shots:
-    """Read the poses of a project's photographs, and its cameras.
+    """Return the poses of a project's photographs, with their cameras.
 
     Parameters
     ----------
@@ -138,30 +138,35 @@ def read_shots(shots_path: Path, cameras_path: Path) -> Shots:
             repeated.append(float(np.linalg.norm(apart)))
         else:
             found[shot.image] = shot
-    warnings = _split_warnings(shots_path, cameras_path, odd_focal, repeated)
-    if (shots_path.parent.parent / _ALIGNED).is_file():
-        warnings.append(
-            f"{shots_path}: this output was aligned to another (--align), for which ODM does not "
-            "turn the photographs rightly; trust picks only if they meet, or process without it"
-        )
-    return Shots(found, str(shots_path), tuple(warnings))
+    return Shots(
+        found, str(shots_path), tuple(_doubts(shots_path, cameras_path, odd_focal, repeated))
+    )
 
 
-def _split_warnings(
+def _doubts(
     shots_path: Path, cameras_path: Path, odd_focal: int, repeated: Sequence[float]
-) -> List[str]:
-    warnings = []
+) -> Iterator[Notice]:
     if odd_focal:
-        warnings.append(
+        yield Notice(
+            "photographs-of-another-focal-length",
             f"{shots_path}: {odd_focal} photographs were solved with another focal length than "
-            f"{cameras_path.name} has (--split, or files of two outputs): picks in them may be off"
+            f"{cameras_path.name} has (--split, or files of two outputs): picks in them may be off",
+            photographs=odd_focal,
         )
     if repeated:
-        warnings.append(
+        yield Notice(
+            "photographs-listed-twice",
             f"{shots_path}: lists {len(repeated)} photographs again, up to {max(repeated):.3g} m "
-            "away (--split); the first position of each is used"
+            "away (--split); the first position of each is used",
+            photographs=len(repeated),
+            distance_m=max(repeated),
         )
-    return warnings
+    if (shots_path.parent.parent / _ALIGNED).is_file():
+        yield Notice(
+            "photographs-turned-by-align",
+            f"{shots_path}: this output was aligned to another (--align), for which ODM does not "
+            "turn the photographs correctly; trust picks only if they meet, or process without it",
+        )
 
 
 def _differs(camera: Camera, focal: Any) -> bool:
@@ -193,7 +198,7 @@ def _shot(path: Path, number: int, properties: Mapping[str, Any], cameras: _Came
 
 
 def _sized(name: str, camera: Camera, properties: Mapping[str, Any]) -> Camera:
-    """The camera with the photograph's own size.
+    """Return the camera with the photograph's own size.
 
     Everything in cameras.json is a share of the longer side, so that a camera fits photographs of
     any size; ODM converts picks with the size of the photograph that they are in.
@@ -204,15 +209,13 @@ def _sized(name: str, camera: Camera, properties: Mapping[str, Any]) -> Camera:
             f"{name} has no width and height, nor has its camera; expected its size in pixels: "
             f"{_AGAIN}"
         )
-    return (
-        camera
-        if size == (camera.width, camera.height)
-        else replace(camera, width=size[0], height=size[1])
-    )
+    if size == (camera.width, camera.height):
+        return camera
+    return replace(camera, width=size[0], height=size[1])
 
 
 def _size(properties: Mapping[str, Any]) -> Optional[Tuple[int, int]]:
-    """Width and height, None unless both are whole numbers of pixels (ODM writes 0 for unknown)."""
+    """Return width and height; None unless both are whole numbers of pixels (0: unknown)."""
     found = numbers([properties.get("width"), properties.get("height")], 2)
     if found is None or not all(1 <= side <= _MAX_PIXELS and side.is_integer() for side in found):
         return None

@@ -1,7 +1,7 @@
 """Photographs, checked before any is sent: what hours of uploading must not end with.
 
 Nothing is decoded: whether a file is whole, and what its header says, is told by its structure (see
-`photo_files`), which takes milliseconds where decoding takes half a second.
+`formats`), which takes milliseconds where decoding takes half a second.
 """
 
 from __future__ import annotations
@@ -12,10 +12,11 @@ import unicodedata
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Dict, Iterable, List, Mapping, Optional, Sequence, Tuple, Union
+from typing import Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
 
 from ...errors import InputError
 from ...files.reading import real_path
+from ...types import Notice
 from ..redaction import plain
 from .formats import KINDS, header, kind_of, truncation
 
@@ -66,7 +67,7 @@ class PhotoSummary:
 
     photos: Tuple[Photo, ...]
     ignored: Tuple[Path, ...]
-    warnings: Tuple[str, ...]
+    warnings: Tuple[Notice, ...]
 
     @property
     def size(self) -> int:
@@ -80,7 +81,7 @@ class PhotoSummary:
 
     @property
     def words(self) -> str:
-        """Say in one line how many there are, how large, and from which cameras."""
+        """One line: how many there are, how large, and from which cameras."""
         cameras = ", ".join(f"{name} ({count})" for name, count in self.cameras.items())
         size = f"{len(self.photos)}, {self.size / 1e6:.1f} MB"
         return f"{size}, {self.with_gps} with GPS, from {cameras}"
@@ -92,7 +93,7 @@ class PhotoSummary:
 
 
 def check_photos(paths: Iterable[Union[str, Path]], *, allow_faulty: bool = False) -> PhotoSummary:
-    """Look at every photograph; folders stand for the photographs directly in them.
+    """Return what the photographs' headers say; a folder stands for those directly in it.
 
     Parameters
     ----------
@@ -105,18 +106,13 @@ def check_photos(paths: Iterable[Union[str, Path]], *, allow_faulty: bool = Fals
         None or too few are there, some cannot be used, or two have the same name.
     """
     files, ignored = _expanded([Path(path) for path in paths])
-    photos: List[Photo] = []
-    faults: Dict[Path, str] = {}
-    for path in files:
-        found = _look(path)
-        if isinstance(found, Photo):
-            photos.append(found)
-        else:
-            faults[path] = found
+    looked = {path: _look(path) for path in files}
+    photos = [found for found in looked.values() if isinstance(found, Photo)]
+    faults = {path: found for path, found in looked.items() if isinstance(found, str)}
     if faults and not allow_faulty:
         raise InputError(_told(faults, len(files)))
     _refuse_namesakes(photos)
-    left_out = _left_out(ignored)
+    left_out = list(_left_out(ignored))
     if len(photos) < FEWEST:
         more = " ".join(("", *left_out)) if left_out else ""
         raise InputError(
@@ -124,12 +120,15 @@ def check_photos(paths: Iterable[Union[str, Path]], *, allow_faulty: bool = Fals
             f"files or folders of {', '.join(KINDS)}.{more}"
         )
     photos.sort(key=lambda photo: photo.name)
-    notes = [_told(faults, len(files)) + " They are left out."] if faults else []
-    return PhotoSummary(tuple(photos), tuple(ignored), (*notes, *_notes(photos), *left_out))
+    notes = [*_notes(photos), *left_out]
+    if faults:
+        text = _told(faults, len(files)) + " They are left out."
+        notes.insert(0, Notice("photographs-faulty", text, photographs=len(faults)))
+    return PhotoSummary(tuple(photos), tuple(ignored), tuple(notes))
 
 
 def _expanded(paths: Sequence[Path]) -> Tuple[List[Path], List[Path]]:
-    """Files to look at, each once, and what in folders is no photograph."""
+    """Return the files to look at, each once, and what in folders is no photograph."""
     files: Dict[Path, Path] = {}
     ignored: List[Path] = []
     for path in paths:
@@ -149,7 +148,7 @@ def _expanded(paths: Sequence[Path]) -> Tuple[List[Path], List[Path]]:
 
 
 def _look(path: Path) -> Union[Photo, str]:
-    """Give a photograph, or what is wrong with it."""
+    """Return a photograph, or what is wrong with it."""
     try:
         if not path.is_file():
             return "is not a file" if path.exists() else "does not exist"
@@ -187,7 +186,7 @@ def _told(faults: Mapping[Path, str], count: int) -> str:
 
 
 def _refuse_namesakes(photos: Sequence[Photo]) -> None:
-    """Nodes rename the second file of a name, and some file systems know no capitals."""
+    """Raise InputError for two photographs of one name: nodes rename one, capitals do not count."""
     first: Dict[str, Photo] = {}
     for photo in photos:
         other = first.setdefault(photo.name.casefold(), photo)
@@ -198,44 +197,59 @@ def _refuse_namesakes(photos: Sequence[Photo]) -> None:
             )
 
 
-def _notes(photos: Sequence[Photo]) -> List[str]:
-    notes = []
-    missing = [photo.name for photo in photos if not photo.has_gps]
-    if len(missing) == len(photos):
-        notes.append(
-            "No photograph has a GPS position: without control the result has no true size."
+def _notes(photos: Sequence[Photo]) -> Iterator[Notice]:
+    missing = sum(not photo.has_gps for photo in photos)
+    if missing == len(photos):
+        yield Notice(
+            "photographs-without-gps",
+            "No photograph has a GPS position: without control the result has no true size.",
+            photographs=missing,
         )
     elif missing:
-        notes.append(f"{len(missing)} of {len(photos)} photographs have no GPS position.")
-    cameras = {photo.camera for photo in photos}
-    if len(cameras) > 1:
-        notes.append(
-            f"The photographs are from {len(cameras)} cameras: {', '.join(sorted(cameras))}."
+        yield Notice(
+            "photographs-without-gps",
+            f"{missing} of {len(photos)} photographs have no GPS position.",
+            photographs=missing,
         )
-    return notes
+    cameras = sorted({photo.camera for photo in photos})
+    if len(cameras) > 1:
+        yield Notice(
+            "photographs-of-several-cameras",
+            f"The photographs are from {len(cameras)} cameras: {', '.join(cameras)}.",
+            cameras=cameras,
+        )
 
 
-def _left_out(ignored: Sequence[Path]) -> List[str]:
-    """Say what in the folders looks as if it was meant, and is not sent."""
-    notes = []
+def _left_out(ignored: Sequence[Path]) -> Iterator[Notice]:
+    """Yield a notice of what in the folders may have been meant, and is not sent."""
     texts = [path for path in ignored if path.suffix.lower() == ".txt"]
     if texts:
-        notes.append(f"Not sent, because a node takes any text file for GCPs: {_names(texts)}.")
+        yield Notice(
+            "text-files-not-sent",
+            f"Not sent, because a node takes any text file for GCPs: {_names(texts)}.",
+            files=len(texts),
+        )
     for other in dict.fromkeys(_OTHERS.values()):
         found = [path for path in ignored if _OTHERS.get(path.suffix.lower()) == other]
         if found:
-            notes.append(
+            yield Notice(
+                "photographs-to-be-converted",
                 f"Not sent, because they are {other}: {len(found)} files ({_names(found)}); "
-                "convert them to JPEG, with their EXIF."
+                "convert them to JPEG, with their EXIF.",
+                files=len(found),
+                format=other,
             )
     inside = {folder: _photographs_in(folder) for folder in ignored if folder.is_dir()}
     inside = {folder: count for folder, count in inside.items() if count}
     if inside:
-        notes.append(
-            f"Not sent: {sum(inside.values())} photographs in {len(inside)} folders within the one "
-            f"given ({_names(list(inside))}); give these folders, too, if they belong to it."
+        count = sum(inside.values())
+        yield Notice(
+            "folders-not-searched",
+            f"Not sent: {count} photographs in {len(inside)} folders within the one given "
+            f"({_names(list(inside))}); give these folders, too, if they belong to it.",
+            photographs=count,
+            folders=len(inside),
         )
-    return notes
 
 
 def _names(paths: Sequence[Path]) -> str:

@@ -1,7 +1,10 @@
 """What kind of picture a file is, whether it is whole, and what its header says, by structure.
 
 Nothing is decoded and nothing is mapped into memory: a picture may be of any size, unpack to
-anything, and be cut while it is looked at.
+anything, and be cut while it is looked at. The offsets and lengths in the directories (IFDs) of a
+TIFF, or of the EXIF block in another picture, cannot be trusted: a directory may lie in itself, and
+a thousand entries may each claim all of the file. So what is read is bounded by what an honest file
+can hold.
 """
 
 from __future__ import annotations
@@ -9,11 +12,24 @@ from __future__ import annotations
 import io
 import struct
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
-from typing import BinaryIO, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
+from typing import (
+    BinaryIO,
+    Container,
+    Dict,
+    Iterator,
+    List,
+    Mapping,
+    NamedTuple,
+    Optional,
+    Sequence,
+    Set,
+    Tuple,
+    Union,
+)
 
 from ..redaction import plain
-from .tiff import Directories, Value
 
 __all__ = ["KINDS", "Header", "header", "kind_of", "truncation"]
 
@@ -33,6 +49,16 @@ _START_OF_SCAN, _APP1 = 0xDA, 0xE1
 _FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # segments that tell the size
 
 
+Value = Union[int, float, str]
+Fields = Dict[int, Tuple[Value, ...]]
+
+_SHARED = 2  # how often, on average, the bytes of an honest file are read: entries may share some
+_HEAD = 1 << 16  # bytes that any file may have read
+_MOST_VALUES = 1 << 20
+_TEXT, _RATIONAL = 2, (5, 10)
+_LETTERS = {1: "B", _TEXT: "B", 3: "H", 4: "I", 13: "I", 5: "II", 10: "ii"}  # by type of value
+
+
 class Header(NamedTuple):
     """What a picture's header says: its size in pixels, make and model, and where it was taken.
 
@@ -47,7 +73,7 @@ class Header(NamedTuple):
 
 
 def kind_of(path: Path) -> Optional[str]:
-    """Tell the kind by the first bytes; None for anything else."""
+    """Return the kind by the first bytes; None for anything else."""
     with path.open("rb") as file:
         start = file.read(8)
     if start.startswith(b"\xff\xd8\xff"):
@@ -60,7 +86,7 @@ def kind_of(path: Path) -> Optional[str]:
 
 
 def truncation(path: Path, kind: str) -> Optional[str]:
-    """Say that a picture's end is missing; None when it is there."""
+    """Return words when a picture's end is missing; None when it is there."""
     size = path.stat().st_size
     with path.open("rb") as file:
         if kind == "JPEG":
@@ -90,8 +116,8 @@ def header(path: Path, kind: str) -> Header:
 
 
 def _described(file: BinaryIO, length: int, size: Optional[Tuple[int, int]]) -> Header:
-    """Read the first directory of a TIFF or of an EXIF block; the latter's own size counts not."""
-    directories = Directories(file, length)
+    """Return what the first directory of a TIFF or EXIF block says; `size` replaces its own."""
+    directories = _Directories(file, length)
     tags = (_WIDTH, _HEIGHT, _MAKE, _MODEL, _GPS)
     fields, _ = directories.fields(directories.first, tags)
     if size is None:
@@ -128,7 +154,7 @@ def _degrees(values: Sequence[Value]) -> Optional[float]:
 
 
 def _segments(file: BinaryIO) -> Iterator[Tuple[int, int, int]]:
-    """Give marker, place and length of what a JPEG's segments hold, to the picture's data."""
+    """Yield marker, place and length of a JPEG's segments, up to the picture's data."""
     place = 2
     for _ in range(_MOST_PIECES):
         file.seek(place)
@@ -149,7 +175,7 @@ def _segments(file: BinaryIO) -> Iterator[Tuple[int, int, int]]:
 
 
 def _jpeg_parts(file: BinaryIO) -> Tuple[Optional[Tuple[int, int]], Optional[bytes]]:
-    """Find a JPEG's size and its EXIF block."""
+    """Return a JPEG's size and its EXIF block."""
     size, exif = None, None
     for marker, place, length in _segments(file):
         if marker in _FRAMES and size is None:
@@ -164,7 +190,7 @@ def _jpeg_parts(file: BinaryIO) -> Tuple[Optional[Tuple[int, int]], Optional[byt
 
 
 def _png_parts(file: BinaryIO) -> Tuple[Optional[Tuple[int, int]], Optional[bytes]]:
-    """Find a PNG's size and its EXIF block, which may come after the picture."""
+    """Return a PNG's size and its EXIF block, which may come after the picture."""
     size, place = None, 8
     for _ in range(_MOST_PIECES):
         file.seek(place)
@@ -184,19 +210,17 @@ def _holds(file: BinaryIO, sign: bytes, place: int) -> bool:
     """Whether a file holds some bytes from a place on."""
     file.seek(place)
     kept = b""
-    while True:
-        block = file.read(_BLOCK)
-        if not block:
-            return False
+    for block in iter(partial(file.read, _BLOCK), b""):
         if sign in kept + block:
             return True
         kept = block[1 - len(sign) :]
+    return False
 
 
 def _tiff_is_whole(file: BinaryIO, size: int) -> bool:
     """Whether every strip and tile of every picture in the file ends within it."""
     try:
-        directories = Directories(file, size)
+        directories = _Directories(file, size)
         waiting: List[Value] = [directories.first]
         seen: Set[Value] = set()
         while waiting and len(seen) < _MOST_IFDS:
@@ -213,3 +237,54 @@ def _tiff_is_whole(file: BinaryIO, size: int) -> bool:
     except struct.error:
         return False
     return bool(seen)
+
+
+class _Directories:
+    """Reads directories one by one; ValueError or struct.error when they make no sense.
+
+    Attributes
+    ----------
+    first : where the first one is.
+    """
+
+    def __init__(self, file: BinaryIO, size: int) -> None:
+        self._file, self._left = file, _SHARED * size + _HEAD
+        head = self._read(0, 8)
+        self._order = "<" if head[:2] == b"II" else ">"
+        (self.first,) = struct.unpack(self._order + "I", head[4:8])
+
+    def fields(self, place: int, wanted: Container[int]) -> Tuple[Fields, int]:
+        """Return the wanted entries of the directory at a place, and where the next one is."""
+        (count,) = struct.unpack(self._order + "H", self._read(place, 2))
+        table = self._read(place + 2, 12 * count + 4)
+        found: Fields = {}
+        for number in range(count):
+            tag, kind, values = struct.unpack_from(self._order + "HHI", table, 12 * number)
+            fits = tag in wanted and kind in _LETTERS and values <= _MOST_VALUES
+            if fits and tag not in found:
+                found[tag] = self._values(table[12 * number + 8 :][:4], kind, values)
+        (following,) = struct.unpack_from(self._order + "I", table, 12 * count)
+        return found, following
+
+    def _values(self, raw: bytes, kind: int, count: int) -> Tuple[Value, ...]:
+        length = struct.calcsize("=" + _LETTERS[kind]) * count
+        if length > len(raw):
+            raw = self._read(struct.unpack(self._order + "I", raw)[0], length)
+        raw = raw[:length]
+        if kind == _TEXT:
+            return (raw.split(b"\0")[0].decode("utf-8", "replace"),)
+        numbers = struct.unpack(self._order + _LETTERS[kind] * count, raw)
+        if kind in _RATIONAL:
+            pairs = zip(numbers[::2], numbers[1::2])
+            return tuple(above / below if below else float("nan") for above, below in pairs)
+        return numbers
+
+    def _read(self, place: int, count: int) -> bytes:
+        self._left -= count
+        if self._left < 0:
+            raise ValueError("its directories claim more than it can hold")
+        self._file.seek(place)
+        data = self._file.read(count)
+        if len(data) < count:
+            raise struct.error("a directory reaches beyond the end")
+        return data

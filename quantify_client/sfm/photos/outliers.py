@@ -1,4 +1,4 @@
-"""Which picks of a point are wrong, and how well all the others fit.
+"""Which picks of a point are outliers, and how well all the others fit.
 
 A pick is wrong when the others meet much better without it. With three photographs in one line a
 wrong pick can leave every two of them meeting; which one is wrong is then not known, and said.
@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import chi2
 
-from .rays import Fit, NoFitError, Rays, meet
+from .rays import Intersection, NoIntersectionError, Rays, intersect
 
 __all__ = ["Choice", "choose", "is_misfit", "pooled", "typical"]
 
@@ -42,13 +42,13 @@ class Choice:
     doubt : two picks one of which is wrong, where it is not known which.
     """
 
-    fit: Optional[Fit]
+    fit: Optional[Intersection]
     problem: str = ""
     doubt: Optional[Tuple[int, int]] = None
 
 
 def choose(rays: Rays, whole: Choice, sigma: float, spread: float) -> Choice:
-    """Leave out the picks whose removal cuts the chi-square sharply.
+    """Return the picks without the outliers: those whose removal cuts the chi-square sharply.
 
     Picks are removed one after another, the one that cuts most first, as long as more than half
     remain; then as many of them are believed as still cut it sharply against how well the rest
@@ -66,7 +66,7 @@ def choose(rays: Rays, whole: Choice, sigma: float, spread: float) -> Choice:
     """
     if len(rays) < 3 or _chi2(whole.fit, sigma) <= _SHARP:
         return whole
-    steps: List[Tuple[Optional[Fit], Fit]] = []  # before and after a removal
+    steps: List[Tuple[Optional[Intersection], Intersection]] = []  # before and after a removal
     before, used = whole.fit, np.ones(len(rays), dtype=bool)
     while used.sum() - 1 > len(rays) / 2:
         best = min(_without_one(rays, used), key=lambda fit: fit.cost, default=None)
@@ -76,27 +76,27 @@ def choose(rays: Rays, whole: Choice, sigma: float, spread: float) -> Choice:
         before, used = best, best.used
     doubt = None
     for before, after in reversed(steps):
-        scale = max(1.0, spread, _chi2(after, sigma) / after.dof)
+        scale = max(1.0, spread, _chi2(after, sigma) / after.degrees_of_freedom)
         if _chi2(before, sigma) - _chi2(after, sigma) <= _SHARP * scale:
             continue
-        doubt = _rival(rays, after, _TELLS * scale * sigma**2)
+        doubt = _interchangeable(rays, after, _TELLS * scale * sigma**2)
         if doubt is None:
             return Choice(after)
     return Choice(whole.fit, whole.problem, doubt)
 
 
-def _without_one(rays: Rays, used: Mask) -> Iterator[Fit]:
+def _without_one(rays: Rays, used: Mask) -> Iterator[Intersection]:
     for index in np.flatnonzero(used):
         fewer = used.copy()
         fewer[index] = False
         try:
-            yield meet(rays, fewer)
-        except NoFitError:
+            yield intersect(rays, fewer)
+        except NoIntersectionError:
             continue
 
 
-def _rival(rays: Rays, fit: Fit, margin: float) -> Optional[Tuple[int, int]]:
-    """A pick left out and one kept that could change places at almost no cost."""
+def _interchangeable(rays: Rays, fit: Intersection, margin: float) -> Optional[Tuple[int, int]]:
+    """Return a pick left out and one kept that could change places at almost no cost."""
     for wrong in np.flatnonzero(~fit.used):
         swapped = fit.used.copy()
         swapped[wrong] = True
@@ -107,25 +107,27 @@ def _rival(rays: Rays, fit: Fit, margin: float) -> Optional[Tuple[int, int]]:
     return None
 
 
-def _chi2(fit: Optional[Fit], sigma: float) -> float:
+def _chi2(fit: Optional[Intersection], sigma: float) -> float:
     return math.inf if fit is None else fit.cost / sigma**2
 
 
-def typical(fits: Sequence[Optional[Fit]], sigma: float) -> float:
-    """Chi-square per degree of freedom of the middle point: one bad point does not move it."""
+def typical(fits: Sequence[Optional[Intersection]], sigma: float) -> float:
+    """Return the median of the points' chi-square per degree of freedom, which is robust."""
     ratios = sorted(
-        _chi2(fit, sigma) / float(chi2.median(fit.dof)) for fit in fits if fit is not None
+        _chi2(fit, sigma) / float(chi2.median(fit.degrees_of_freedom))
+        for fit in fits
+        if fit is not None
     )
     return max(1.0, ratios[(len(ratios) - 1) // 2]) if len(ratios) >= _FEW else 1.0
 
 
-def is_misfit(fit: Fit, sigma: float, spread: float) -> bool:
+def is_misfit(fit: Intersection, sigma: float, spread: float) -> bool:
     """Whether a point is missed by more than chance, given the spread of the others."""
-    return _chi2(fit, sigma) > float(chi2.isf(_CHANCE, fit.dof)) * spread
+    return _chi2(fit, sigma) > float(chi2.isf(_CHANCE, fit.degrees_of_freedom)) * spread
 
 
-def pooled(fits: Mapping[str, Fit], sigma: float) -> float:
-    """Chi-square per degree of freedom of all points but those that miss by more than chance.
+def pooled(fits: Mapping[str, Intersection], sigma: float) -> float:
+    """Return chi-square per degree of freedom of all points that miss by no more than chance.
 
     Never below 1. A single point has one to a few degrees of freedom, whose chi-square alone says
     little; together they say how good the picks and the cameras really are.
@@ -133,7 +135,7 @@ def pooled(fits: Mapping[str, Fit], sigma: float) -> float:
     spread = typical(list(fits.values()), sigma)
     for _ in range(_ROUNDS):
         good = [fit for fit in fits.values() if not is_misfit(fit, sigma, spread)]
-        freedom = sum(fit.dof for fit in good)
+        freedom = sum(fit.degrees_of_freedom for fit in good)
         total = sum(_chi2(fit, sigma) for fit in good)
         following = max(1.0, total / freedom) if freedom else 1.0
         if following == spread:

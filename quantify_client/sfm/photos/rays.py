@@ -1,4 +1,4 @@
-"""Picks of one point -> rays, and the place where rays meet.
+"""Picks of one point -> rays, and the point at which rays intersect.
 
 Everything is relative to a local origin: a coordinate of millions of metres leaves a product of
 two too few digits.
@@ -15,12 +15,12 @@ import numpy.typing as npt
 
 from ...errors import ControlError
 from ...scaler.control.model import Pick
-from ...types import FloatArray
+from ...types import FloatArray, Notice
 from ..odm.json_files import shown
-from .camera_models import Camera, bearings, pixel_difference, project
+from .camera_models import bearings, pixel_difference, project
 from .cameras import Shot, Shots
 
-__all__ = ["Fit", "NoFitError", "Rays", "meet", "trace"]
+__all__ = ["Intersection", "NoIntersectionError", "Rays", "intersect", "trace"]
 
 _ROUNDS = 50
 _HALVINGS = 30
@@ -30,7 +30,7 @@ _NUDGE = 1e-6  # of that distance: the step of the numerical derivative
 _SINGULAR = 1e-12  # smallest share of the normal matrix' eigenvalues: rays within 1e-6 radians
 
 
-class NoFitError(Exception):
+class NoIntersectionError(Exception):
     """Rays that do not define a point; the text says why."""
 
 
@@ -57,31 +57,29 @@ class Rays:
     origin: FloatArray
     rotations: FloatArray
     centres: FloatArray
-    warnings: Tuple[str, ...]
+    warnings: Tuple[Notice, ...]
 
     def __len__(self) -> int:
         return len(self.shots)
 
     def image(self, index: int) -> str:
-        """Name of a photograph, fit for a message."""
+        """Return the name of a photograph, fit for a message."""
         return shown(self.shots[index].image)
 
     def widest_angle(self, used: npt.NDArray[np.bool_]) -> float:
-        """Largest angle in degrees between two lines of sight, 90 at most."""
+        """Return the largest angle in degrees between two lines of sight, 90 at most."""
         d = self.directions[used]
         across = np.linalg.norm(np.cross(d[:, None], d[None]), axis=-1)
         return math.degrees(math.asin(min(float(across.max()), 1.0)))
 
-    def _cameras(self) -> List[Tuple[Camera, List[int]]]:
-        groups: Dict[int, Tuple[Camera, List[int]]] = {}
-        for index, shot in enumerate(self.shots):
-            groups.setdefault(id(shot.camera), (shot.camera, []))[1].append(index)
-        return list(groups.values())
-
     def misses(self, points: FloatArray) -> FloatArray:
-        """Picked - projected in pixels, (n, m, 2), for points (m, 3) relative to the origin."""
+        """Return picked - projected, (n, m, 2) pixels, of points (m, 3) relative to the origin."""
+        groups: Dict[int, List[int]] = {}  # by camera, each of which projects all at once
+        for index, shot in enumerate(self.shots):
+            groups.setdefault(id(shot.camera), []).append(index)
         result = np.empty((len(self), len(points), 2))
-        for camera, indices in self._cameras():
+        for indices in groups.values():
+            camera = self.shots[indices[0]].camera
             away = points[None] - self.centres[indices, None]
             seen = np.einsum("nij,nmj->nmi", self.rotations[indices], away).reshape(-1, 3)
             picked = np.repeat(self.pixels[indices], len(points), axis=0)
@@ -91,8 +89,8 @@ class Rays:
 
 
 @dataclass(frozen=True)
-class Fit:
-    """The point that some of the rays meet at.
+class Intersection:
+    """The point at which some of the rays intersect.
 
     Attributes
     ----------
@@ -110,13 +108,13 @@ class Fit:
     normal: FloatArray
 
     @property
-    def dof(self) -> int:
-        """Degrees of freedom: two for each pick, less the point's three coordinates."""
+    def degrees_of_freedom(self) -> int:
+        """Two for each pick, less the point's three coordinates."""
         return 2 * int(self.used.sum()) - 3
 
 
 def trace(shots: Shots, name: str, picks: Sequence[Pick]) -> Rays:
-    """Find the photographs of a point's picks and the directions they look in.
+    """Return the rays of a point's picks: their photographs and the directions they look in.
 
     Raises
     ------
@@ -140,12 +138,27 @@ def trace(shots: Shots, name: str, picks: Sequence[Pick]) -> Rays:
         found[shot.image] = (shot, pick)
     if len(found) < 2:
         raise ControlError(_too_few(shots.label, point, list(found), missing))
-    warnings = tuple(
-        f"{point}: the photograph {image} is not in {shots.label} (ODM leaves out those it cannot "
-        "align, or its name is wrong); its pick is left out"
-        for image in missing
+    centres = np.array([shot.centre for shot, _ in found.values()])
+    origin = np.round(centres.mean(axis=0))
+    return Rays(
+        name=name,
+        shots=tuple(shot for shot, _ in found.values()),
+        pixels=np.array([[pick.px, pick.py] for _, pick in found.values()]),
+        directions=np.array([_direction(point, shot, pick) for shot, pick in found.values()]),
+        origin=origin,
+        rotations=np.array([shot.rotation for shot, _ in found.values()]),
+        centres=centres - origin,
+        warnings=tuple(
+            Notice(
+                "pick-in-missing-photograph",
+                f"{point}: the photograph {image} is not in {shots.label} (ODM leaves out those it "
+                "cannot align, or its name is wrong); its pick is left out",
+                point=name,
+                image=image,
+            )
+            for image in missing
+        ),
     )
-    return _rays(name, point, list(found.values()), warnings)
 
 
 def _require_inside(point: str, shot: Shot, pick: Pick) -> None:
@@ -169,37 +182,20 @@ def _too_few(label: str, point: str, found: Sequence[str], missing: Sequence[str
     )
 
 
-def _rays(
-    name: str, point: str, found: Sequence[Tuple[Shot, Pick]], warnings: Tuple[str, ...]
-) -> Rays:
-    pixels = np.array([[pick.px, pick.py] for _, pick in found])
-    directions = np.empty((len(found), 3))
-    for index, (shot, _) in enumerate(found):
-        bearing = bearings(shot.camera, pixels[index])[0]
-        if np.isnan(bearing).any():
-            raise ControlError(
-                f"{point} is picked at ({pixels[index, 0]:.6g}, {pixels[index, 1]:.6g}) in "
-                f"{shown(shot.image)}, where the lens model of the camera "
-                f"{shown(shot.camera.name)} has no ray; expected picks nearer to the middle: pick "
-                "it in other photographs"
-            )
-        directions[index] = shot.rotation.T @ bearing
-    centres = np.array([shot.centre for shot, _ in found])
-    origin = np.round(centres.mean(axis=0))
-    return Rays(
-        name=name,
-        shots=tuple(shot for shot, _ in found),
-        pixels=pixels,
-        directions=directions,
-        origin=origin,
-        rotations=np.array([shot.rotation for shot, _ in found]),
-        centres=centres - origin,
-        warnings=warnings,
-    )
+def _direction(point: str, shot: Shot, pick: Pick) -> FloatArray:
+    """Return where a pick's ray leads in the cloud's axes, (3,)."""
+    bearing = bearings(shot.camera, [pick.px, pick.py])[0]
+    if np.isnan(bearing).any():
+        raise ControlError(
+            f"{point} is picked at ({pick.px:.6g}, {pick.py:.6g}) in {shown(shot.image)}, where "
+            f"the lens model of the camera {shown(shot.camera.name)} has no ray; expected picks "
+            "nearer to the middle: pick it in other photographs"
+        )
+    return np.asarray(shot.rotation.T @ bearing, dtype=np.float64)
 
 
-def meet(rays: Rays, used: npt.NDArray[np.bool_]) -> Fit:
-    """Fit a point to some of the rays: least squares of the pixels by which it is missed.
+def intersect(rays: Rays, used: npt.NDArray[np.bool_]) -> Intersection:
+    """Return the point nearest to some of the rays: least squares of its residuals in pixels.
 
     Parameters
     ----------
@@ -209,7 +205,7 @@ def meet(rays: Rays, used: npt.NDArray[np.bool_]) -> Fit:
 
     Raises
     ------
-    NoFitError
+    NoIntersectionError
         The rays are parallel, or do not meet in front of their cameras.
     """
     xyz = _nearest(rays, used)
@@ -226,16 +222,16 @@ def meet(rays: Rays, used: npt.NDArray[np.bool_]) -> Fit:
         if not step.any():
             break
     else:
-        raise NoFitError("its rays do not meet")
+        raise NoIntersectionError("its rays do not meet")
     _require_in_front(rays, used, xyz)
     missed, jacobian = _linearised(rays, used, xyz, distance)
     normal = jacobian.T @ jacobian
     _solve(normal, np.zeros(3))
-    return Fit(xyz, used, rays.misses(xyz[None])[:, 0], float(missed @ missed), normal)
+    return Intersection(xyz, used, rays.misses(xyz[None])[:, 0], float(missed @ missed), normal)
 
 
 def _nearest(rays: Rays, used: npt.NDArray[np.bool_]) -> FloatArray:
-    """The point nearest to all lines: sum (I - d d^T) X = sum (I - d d^T) C."""
+    """Return the point nearest to all lines: sum (I - d d^T) X = sum (I - d d^T) C."""
     d = rays.directions[used]
     across = np.eye(3) - d[:, :, None] * d[:, None, :]
     xyz = _solve(across.sum(axis=0), np.einsum("nij,nj->i", across, rays.centres[used]))
@@ -245,10 +241,10 @@ def _nearest(rays: Rays, used: npt.NDArray[np.bool_]) -> FloatArray:
 
 def _solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
     if not np.isfinite(matrix).all():
-        raise NoFitError("its rays do not meet in front of the cameras")
+        raise NoIntersectionError("its rays do not meet in front of the cameras")
     values = np.linalg.eigvalsh(matrix)
     if values[0] <= _SINGULAR * values[-1]:
-        raise NoFitError("its rays are parallel")
+        raise NoIntersectionError("its rays are parallel")
     return np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
 
 
@@ -256,13 +252,15 @@ def _require_in_front(rays: Rays, used: npt.NDArray[np.bool_], xyz: FloatArray) 
     depth = np.einsum("nj,nj->n", rays.directions, xyz - rays.centres)
     behind = np.flatnonzero(used & ~(depth > 0))
     if len(behind):
-        raise NoFitError(f"its rays meet behind the camera of {rays.image(int(behind[0]))}")
+        raise NoIntersectionError(
+            f"its rays meet behind the camera of {rays.image(int(behind[0]))}"
+        )
 
 
 def _linearised(
     rays: Rays, used: npt.NDArray[np.bool_], xyz: FloatArray, distance: float
 ) -> Tuple[FloatArray, FloatArray]:
-    """Misses (2 n) of the rays used, and the derivative (2 n, 3) of the pixels by the point."""
+    """Return misses (2 n) of the rays used, and their derivative (2 n, 3) by the point."""
     nudge = _NUDGE * distance * np.eye(3)
     missed = rays.misses(np.vstack([xyz, xyz + nudge, xyz - nudge]))[used]
     # A picked pixel is one constant in both: the difference of the misses is the lens's alone.

@@ -2,26 +2,26 @@
 
 The position is where the lines of sight meet with the least squares of pixels; its covariance is
 (J^T J)^-1 sigma^2. The cameras' own errors are not in it: they show in how badly the lines of
-sight meet, so sigma is what the misses of all points together say where that is more than what
-was promised, and a point that misses by more than chance is given its own misses. It is never less
+sight meet, so sigma is what the residuals of all points together show where that is more than what
+was promised, and a point whose residuals are more than chance is given its own. It is never less
 than what was promised.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import Dict, List, Mapping, Sequence, Tuple
+from dataclasses import dataclass
+from typing import Dict, Iterator, List, Mapping, Sequence, Tuple
 
 import numpy as np
 
 from ...errors import ControlError, UsageError
 from ...scaler.control.model import Pick
-from ...types import FloatArray
+from ...types import FloatArray, Notice
 from ..odm.json_files import shown
 from .cameras import Shots
 from .outliers import Choice, choose, is_misfit, pooled, typical
-from .rays import Fit, NoFitError, Rays, meet, trace
+from .rays import Intersection, NoIntersectionError, Rays, intersect, trace
 
 __all__ = ["SeenPick", "Sighting", "triangulate"]
 
@@ -71,13 +71,13 @@ class Sighting:
     rms_px: float
     sigma_px: float
     picks: Sequence[SeenPick]
-    warnings: Sequence[str] = field(default=())
+    warnings: Sequence[Notice] = ()
 
 
 def triangulate(
     shots: Shots, picks: Sequence[Pick], pixel_sigma: float = 1.0
 ) -> Mapping[str, Sighting]:
-    """Find where picked points are, in the coordinates of the delivered cloud.
+    """Return where picked points are, in the coordinates of the delivered cloud.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def triangulate(
     for pick in picks:
         by_point.setdefault(pick.name, []).append(pick)
     rays = {name: trace(shots, name, group) for name, group in by_point.items()}
-    whole = {name: _meet_all(item) for name, item in rays.items()}
+    whole = {name: _intersect_all(item) for name, item in rays.items()}
     spread = typical([choice.fit for choice in whole.values()], pixel_sigma)
     chosen = {name: choose(item, whole[name], pixel_sigma, spread) for name, item in rays.items()}
     fits = {name: _required(rays[name], choice) for name, choice in chosen.items()}
@@ -121,14 +121,14 @@ def triangulate(
     }
 
 
-def _meet_all(rays: Rays) -> Choice:
+def _intersect_all(rays: Rays) -> Choice:
     try:
-        return Choice(meet(rays, np.ones(len(rays), dtype=bool)))
-    except NoFitError as error:
+        return Choice(intersect(rays, np.ones(len(rays), dtype=bool)))
+    except NoIntersectionError as error:
         return Choice(None, str(error))
 
 
-def _required(rays: Rays, choice: Choice) -> Fit:
+def _required(rays: Rays, choice: Choice) -> Intersection:
     if choice.fit is not None:
         return choice.fit
     which = ", ".join(rays.image(index) for index in range(min(len(rays), 3)))
@@ -138,20 +138,16 @@ def _required(rays: Rays, choice: Choice) -> Fit:
     )
 
 
-def _sighting(rays: Rays, choice: Choice, fit: Fit, promised: float, spread: float) -> Sighting:
+def _sighting(
+    rays: Rays, choice: Choice, fit: Intersection, promised: float, spread: float
+) -> Sighting:
     misfit = is_misfit(fit, promised, spread)
-    own = fit.cost / promised**2 / fit.dof
+    own = fit.cost / promised**2 / fit.degrees_of_freedom
     sigma = promised * math.sqrt(max(spread, own) if misfit else spread)
     covariance = np.asarray(np.linalg.inv(fit.normal) * sigma**2, dtype=np.float64)
     lengths = np.hypot(fit.misses[:, 0], fit.misses[:, 1])
     x, y, z = (float(value) for value in fit.xyz + rays.origin)
     rms = math.sqrt(fit.cost / int(fit.used.sum()))
-    warnings = [
-        *rays.warnings,
-        *_left_out(rays, fit, lengths),
-        *_misses(rays, choice, rms, promised, misfit or own > _FAR_OFF**2),
-        *_narrowness(rays, fit, covariance),
-    ]
     return Sighting(
         name=rays.name,
         xyz=(x, y, z),
@@ -169,50 +165,68 @@ def _sighting(rays: Rays, choice: Choice, fit: Fit, promised: float, spread: flo
             )
             for index, shot in enumerate(rays.shots)
         ),
-        warnings=tuple(warnings),
+        warnings=(
+            *rays.warnings,
+            *_left_out(rays, fit, lengths),
+            *_disagreement(rays, choice, rms, promised, misfit or own > _FAR_OFF**2),
+            *_narrowness(rays, fit, covariance),
+        ),
     )
 
 
-def _left_out(rays: Rays, fit: Fit, lengths: FloatArray) -> List[str]:
-    warnings = []
+def _left_out(rays: Rays, fit: Intersection, lengths: FloatArray) -> Iterator[Notice]:
     for index in np.flatnonzero(~fit.used).tolist():
         where = "does not look to where the others meet"
         if np.isfinite(lengths[index]):
             where = f"is {lengths[index]:.1f} px from where the others meet"
-        warnings.append(
+        yield Notice(
+            "pick-left-out",
             f"point {shown(rays.name)}: its pick in {rays.image(index)} {where} and is left out; "
-            "check it"
+            "check it",
+            point=rays.name,
+            image=rays.shots[index].image,
+            residual_px=float(lengths[index]),
         )
-    return warnings
 
 
-def _misses(
-    rays: Rays, choice: Choice, rms: float, promised: float, worth_a_word: bool
-) -> List[str]:
+def _disagreement(
+    rays: Rays, choice: Choice, rms: float, promised: float, is_notable: bool
+) -> Iterator[Notice]:
     point = f"point {shown(rays.name)}"
     if choice.doubt is not None:
         one, other = (rays.image(index) for index in choice.doubt)
-        return [
-            f"{point}: its picks do not meet, they miss by {rms:.1f} px (RMS), and whether the one "
-            f"in {one} or in {other} is wrong cannot be told; none is left out: check both, or "
-            "pick it in another photograph"
-        ]
-    if not worth_a_word:
-        return []
-    images = ", ".join(rays.image(index) for index in range(min(len(rays), 4)))
-    return [
-        f"{point}: its picks ({images}) do not meet, they miss by {rms:.1f} px (RMS) where "
-        f"{promised:g} px per axis are expected; its accuracy is widened for that: check them"
-    ]
+        yield Notice(
+            "pick-undecided",
+            f"{point}: its picks disagree by {rms:.1f} px (RMS), and either the one in {one} or "
+            f"the one in {other} is wrong; none is left out: check both, or pick it in another "
+            "photograph",
+            point=rays.name,
+            images=[one, other],
+            rms_px=rms,
+        )
+    elif is_notable:
+        images = [rays.image(index) for index in range(min(len(rays), 4))]
+        yield Notice(
+            "picks-disagree",
+            f"{point}: its picks ({', '.join(images)}) disagree by {rms:.1f} px (RMS) where "
+            f"{promised:g} px per axis are expected, so its standard deviation is enlarged: check "
+            "them",
+            point=rays.name,
+            images=images,
+            rms_px=rms,
+        )
 
 
-def _narrowness(rays: Rays, fit: Fit, covariance: FloatArray) -> List[str]:
+def _narrowness(rays: Rays, fit: Intersection, covariance: FloatArray) -> Iterator[Notice]:
     angle = rays.widest_angle(fit.used)
-    if angle >= _NARROW:
-        return []
-    along = math.sqrt(float(np.linalg.eigvalsh(covariance)[-1]))
-    return [
-        f"point {shown(rays.name)}: its lines of sight meet at {angle:.2g} degrees only, so it is "
-        f"uncertain by {along:.2g} (one sigma) along them; pick it in photographs taken further "
-        "apart"
-    ]
+    if angle < _NARROW:
+        along = math.sqrt(float(np.linalg.eigvalsh(covariance)[-1]))
+        yield Notice(
+            "rays-nearly-parallel",
+            f"point {shown(rays.name)}: its lines of sight meet at {angle:.2g} degrees only, so it "
+            f"is uncertain by {along:.2g} (one sigma) along them; pick it in photographs taken "
+            "further apart",
+            point=rays.name,
+            angle_deg=angle,
+            std=along,
+        )

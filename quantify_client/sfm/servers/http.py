@@ -1,4 +1,4 @@
-"""One request to a server, done carefully; with `watching` and `saving` all that knows requests.
+"""One request to a server, done carefully; with `limits` all that knows requests.
 
 Each request has a connection of its own: a kept one may be closed by the other side just when a
 file is on its way, and then nobody knows whether the file arrived. Secrets never get into a
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import re
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, Mapping, Optional, Sequence
 from urllib.parse import parse_qsl, urlencode, urljoin, urlsplit, urlunsplit
@@ -20,13 +20,12 @@ import urllib3
 
 from ...errors import ServerError
 from ..redaction import forms, hidden, mask_logs, plain
-from .addresses import checked_url, origin, trusted
-from .faults import OutageError, RefusedError, StatusError
-from .multipart import FileBody
-from .saving import Saving
-from .watching import Lines, Told, Watch, watched
+from .access import checked_url, origin, verification
+from .errors import OutageError, RefusedError, StatusError
+from .limits import Watch, WatchedAdapter, save, watched
+from .upload_body import UploadBody
 
-__all__ = ["OutageError", "RefusedError", "Server", "StatusError"]
+__all__ = ["Server"]
 
 CONNECT_S = 30.0
 SILENCE_S = 60.0  # without a byte: the line is dead
@@ -36,6 +35,20 @@ REASON_BYTES = 1 << 16
 BLOCK = 1 << 18
 REDIRECTS = 5
 _PLAINLY = {"Connection": "close", "Accept-Encoding": "identity"}
+_REFUSALS = {
+    401: "refuses who asks (401), or wants to know it; {login_hint}",
+    403: "forbids this (403): the token, or the address that you come from, may not do it",
+    404: "has nothing there (404); check the URL, its port and its path prefix",
+    413: "or a proxy before it refuses a file of that size (413); raise the proxy's limit "
+    "(nginx: client_max_body_size)",
+}
+_FINAL_FAULTS = {
+    "CERTIFICATE_VERIFY_FAILED": "its certificate is not trusted; give its authority's (--ca FILE) "
+    "or use --insecure",
+    "WRONG_VERSION_NUMBER": "speaks no TLS on this port; try http:// for https://",
+    "record layer failure": "speaks no TLS on this port; try http:// for https://",
+}
+"""What stands in an exception of requests, and what it means, where trying again is no use."""
 _NEVER_CONNECTED = ("NewConnectionError", "NameResolutionError", "ConnectTimeout", "Tunnel conn")
 
 
@@ -56,10 +69,10 @@ class _Session(requests.Session):
     def __init__(self, watch: Watch) -> None:
         super().__init__()
         for scheme in ("http://", "https://"):
-            self.mount(scheme, Lines(watch))
+            self.mount(scheme, WatchedAdapter(watch))
 
     def get_redirect_target(self, resp: requests.Response) -> None:
-        """Say that there is none: `Server` follows them."""
+        """Return none: `Server` follows redirects itself."""
 
 
 class Server:
@@ -68,14 +81,14 @@ class Server:
     Parameters
     ----------
     url : http or https, with any port and any path prefix.
-    query, headers : sent with each request, to this host only.
+    query : sent with each request, to this host only.
     secrets : texts that must show nowhere.
     ca : a file of certificates to trust instead of the system's.
     insecure : trust any certificate.
     silence_s : how long the line may be without a byte.
-    way_in : what to do when the server wants to know who asks; ends a message.
-    room : what to do when the disk is full; ends a message.
-    good : every status that is success.
+    login_hint : what to do when the server wants to know who asks; ends a message.
+    disk_hint : what to do when the disk is full; ends a message.
+    success : every status that is success.
     """
 
     def __init__(
@@ -83,39 +96,41 @@ class Server:
         url: str,
         *,
         query: Optional[Mapping[str, str]] = None,
-        headers: Optional[Mapping[str, str]] = None,
         secrets: Sequence[str] = (),
         ca: Optional[Path] = None,
         insecure: bool = False,
         silence_s: float = SILENCE_S,
-        way_in: str = "check the credentials",
-        room: str = "make room, or mend the folder, and resume",
-        good: Sequence[int] = (200,),
+        login_hint: str = "check the credentials",
+        disk_hint: str = "make room, or mend the folder, and resume",
+        success: Sequence[int] = (200,),
     ) -> None:
-        self._way_in, self._room, self._good = way_in, room, good
-        self._secrets = [form for secret in secrets if secret for form in forms(secret)]
+        self._login_hint, self._disk_hint, self._success = login_hint, disk_hint, success
+        self._secrets: Dict[str, None] = {}  # in order
+        self._keep_secret(secrets)
         self.url = checked_url(url).rstrip("/")
         self.name = plain(urlsplit(self.url).netloc)
-        self._query, self._headers = dict(query or {}), dict(headers or {})
+        self._query, self._headers = dict(query or {}), dict(_PLAINLY)
         self._silence_s, self._answer_s = silence_s, silence_s * ANSWER_SILENCES
-        self._verify = trusted(ca, insecure)
+        self._verify = verification(ca, insecure)
         self._proxies = requests.utils.get_environ_proxies(self.url)  # slow: not for each request
-        mask_logs(self._secrets)
 
     def __repr__(self) -> str:
-        return f"Server({self.url!r})"
+        return f"{type(self).__name__}({self.url!r})"
 
     def identify(self, headers: Mapping[str, str], secrets: Sequence[str]) -> None:
-        """Say from now on who asks, to this host only; ServerError for what no header can hold."""
+        """Send these headers from now on, to this host only; ServerError where none can be so."""
         if not all(value.isascii() and value.isprintable() for value in headers.values()):
             raise ServerError(
                 f"{self.name}: the token holds characters that no token has (a line's end, say); "
                 "look at where it comes from"
             )
+        self._keep_secret(secrets)
+        self._headers = {**headers, **_PLAINLY}
+
+    def _keep_secret(self, secrets: Sequence[str]) -> None:
         new = [form for secret in secrets if secret for form in forms(secret)]
-        self._secrets = [*self._secrets, *(form for form in new if form not in self._secrets)]
+        self._secrets.update(dict.fromkeys(new))
         mask_logs(new)
-        self._headers = dict(headers)
 
     def redact(self, text: str) -> str:
         """Return the text with every secret replaced."""
@@ -128,7 +143,7 @@ class Server:
         *,
         query: Optional[Mapping[str, str]] = None,
         headers: Optional[Mapping[str, str]] = None,
-        upload: Optional[FileBody] = None,
+        upload: Optional[UploadBody] = None,
         **body: Any,
     ) -> Any:
         """Send one request and return its JSON answer.
@@ -146,11 +161,12 @@ class Server:
         """
         sent = dict(headers or {})
         if upload is not None:
-            sent["Content-Type"] = upload.content_type
+            sent["Content-Type"], body = upload.content_type, {"data": upload}
 
         def ask(watch: Watch) -> Any:
-            form = body if upload is None else {"data": Told(upload, watch)}
-            with self._request(watch, method, path, query, sent, **form) as response:
+            if upload is not None:
+                upload.on_block = watch.tell
+            with self._request(watch, method, path, query, headers=sent, **body) as response:
                 return self._parsed(response)
 
         return watched(ask, self._answer_s, self.name)
@@ -162,28 +178,33 @@ class Server:
         progress: Callable[[int, Optional[int]], None],
         *,
         most: Optional[int] = None,
-        larger: str = "is the file there what it is said to be?",
+        size_hint: str = "is the file there what it is said to be?",
         is_json: bool = False,
     ) -> None:
         """Write what is at a path into a file and check its length.
 
         `progress` is told the bytes so far and, where the server says so, of how many; more than
-        `most` are refused, and `larger` then says what to do.
+        `most` are refused, and `size_hint` then says what to do.
         """
-
-        def excess() -> None:
-            raise ServerError(
-                f"{self.name}: sends more than the {(most or 0) / 1e6:.1f} MB that "
-                f"{plain(path, 200)} can have; {larger}"
-            )
+        too_large = ServerError(
+            f"{self.name}: sends more than the {(most or 0) / 1e6:.1f} MB that "
+            f"{plain(path, 200)} can have; {size_hint}"
+        )
 
         def ask(watch: Watch) -> None:
-            with self._request(watch, "GET", path, None, None) as response:
+            with self._request(watch, "GET", path) as response:
                 self._require_file(response, is_json)
                 length = response.headers.get("Content-Length", "")
                 total = int(length) if re.fullmatch(r"\d{1,18}", length, re.ASCII) else None
-                saving = Saving(part, total, most, excess, self._room)
-                done = saving.save(_telling(response.iter_content(BLOCK), watch), progress)
+                done = save(
+                    _counted(response.iter_content(BLOCK), watch),
+                    part,
+                    progress,
+                    total=total,
+                    most=most,
+                    too_large=too_large,
+                    disk_hint=self._disk_hint,
+                )
             if total is not None and done != total:
                 raise OutageError(f"{self.name}: the download ended after {done} of {total} bytes")
 
@@ -201,81 +222,54 @@ class Server:
         watch: Watch,
         method: str,
         path: str,
-        query: Optional[Mapping[str, str]],
-        headers: Optional[Mapping[str, str]],
-        **body: Any,
+        query: Optional[Mapping[str, str]] = None,
+        **rest: Any,
     ) -> Iterator[requests.Response]:
-        """Give the answer to a request once its status is good; everything else is our error."""
-        failure: Optional[ServerError] = None
-        url = self.url + path
+        """Yield the response once its status is good; any failure becomes one of our errors."""
+        asked = urlencode({**self._query, **(query or {})})
+        url = f"{self.url}{path}?{asked}" if asked else self.url + path
         with _Session(watch) as session:
             try:
-                response = self._sent(session, method, url, query, dict(headers or {}), body)
-                with response:
-                    self._require_good(response)
+                with self._send(session, method, url, **rest) as response:
+                    self._require_success(response)
                     if _is_packed(response):
                         raise ServerError(
                             f"{self.name}: packs its answer, which it was asked not to do; look at "
                             "the proxy before it"
                         )
                     yield response
+                return
             except requests.RequestException as error:
                 failure = self._explained(error)
             except urllib3.exceptions.HTTPError as error:
                 failure = OutageError(f"{self.name}: the connection broke ({type(error).__name__})")
-        if failure is not None:  # raised here so that it has no context with the URL in it
-            raise failure
-
-    def _sent(self, *request: Any) -> requests.Response:
-        """Send; what a server's nonsense makes of the libraries' parsers becomes our error."""
-        try:
-            return self._send(*request)
-        except (requests.RequestException, urllib3.exceptions.HTTPError):
-            raise
-        except ValueError:
-            pass
-        raise ServerError(
-            f"{self.name}: sends elsewhere, to an address that is none; check the URL, and what "
-            "stands between"
-        )
+        raise failure  # here, so that it has no context with the URL in it
 
     def _send(
-        self,
-        session: requests.Session,
-        method: str,
-        url: str,
-        query: Optional[Mapping[str, str]],
-        headers: Dict[str, str],
-        body: Mapping[str, Any],
+        self, session: requests.Session, method: str, url: str, **rest: Any
     ) -> requests.Response:
         """Send, and follow redirects of a GET; what is secret stays with the host it is for."""
-        own = urlsplit(self.url)
-        asked = {**self._query, **(query or {})}
-        url = f"{url}?{urlencode(asked)}" if asked else url
+        schemes = ("https",) if self.url.startswith("https:") else ("http", "https")
         for _ in range(REDIRECTS + 1):
             ours = origin(url) == origin(self.url)
             session.trust_env, session.proxies = not ours, dict(self._proxies) if ours else {}
-            session.auth = _Headers({**_PLAINLY, **(self._headers if ours else {})})
+            session.auth = _Headers(self._headers if ours else _PLAINLY)
             response = session.request(
                 method,
                 url,
-                headers=headers,
                 timeout=(CONNECT_S, self._silence_s),
                 stream=True,
                 allow_redirects=False,
                 verify=self._verify,
-                **body,
+                **rest,
             )
             target = response.headers.get("Location")
             if response.status_code not in (301, 302, 303, 307, 308) or not target:
                 return response
             response.close()
             session.close()  # the next request has a connection of its own, too
-            url = _joined(url, target)
-            other = urlsplit(url)
-            if method != "GET" or other.scheme not in ("http", "https"):
-                break
-            if own.scheme == "https" and other.scheme != "https":
+            url = self._redirected(url, target)
+            if method != "GET" or urlsplit(url).scheme not in schemes:
                 break
             if origin(url) != origin(self.url):
                 url = self._without_secrets(url)
@@ -285,42 +279,43 @@ class Server:
             f"{self.name}: sends elsewhere, to {moved}; give the address where the server really is"
         )
 
+    def _redirected(self, url: str, target: str) -> str:
+        """Return where a redirect leads; ServerError when nobody could ask there."""
+        with suppress(ValueError, requests.RequestException):
+            url = urljoin(url, target)
+            requests.Request("GET", url).prepare()
+            origin(url)
+            return url
+        raise ServerError(
+            f"{self.name}: sends elsewhere, to an address that is none; check the URL, and what "
+            "stands between"
+        )
+
     def _without_secrets(self, url: str) -> str:
         parts = urlsplit(url)
-        kept = [(k, v) for k, v in parse_qsl(parts.query, True) if self.redact(v) == v]
-        if len(kept) == len(parse_qsl(parts.query, True)):
+        given = parse_qsl(parts.query, True)
+        kept = [(key, value) for key, value in given if self.redact(value) == value]
+        if len(kept) == len(given):
             return url  # left as it is: a signed address must not be written anew
         return urlunsplit((*parts[:3], urlencode(kept), ""))
 
-    def _require_good(self, response: requests.Response) -> None:
+    def _require_success(self, response: requests.Response) -> None:
         status = response.status_code
-        if status in self._good:
+        if status in self._success:
             return
-        said = f"{self.name}: answers with status {status}"
+        said = _REFUSALS.get(status, f"answers with status {status}")
         if status in (408, 425, 429) or status >= 500:
-            raise OutageError(f"{said}; expected 200", unsent=status == 429)
-        ways = {
-            401: f"refuses who asks (401), or wants to know it; {self._way_in}",
-            403: "forbids this (403): the token, or the address that you come from, may not do it",
-            404: "has nothing there (404); check the URL, its port and its path prefix",
-            413: "or a proxy before it refuses a file of that size (413); raise the proxy's limit "
-            "(nginx: client_max_body_size)",
-        }
-        raise StatusError(
-            f"{self.name}: {ways[status]}" if status in ways else said,
-            status,
-            self._reason(response),
-        )
+            raise OutageError(f"{self.name}: {said}; expected 200", unsent=status == 429)
+        words = f"{self.name}: {said.format(login_hint=self._login_hint)}"
+        raise StatusError(words, status, self._reason(response))
 
     def _reason(self, response: requests.Response) -> Optional[str]:
-        """Give what a JSON answer says, whatever it is wrapped in."""
-        try:
-            if _is_packed(response):
-                return None
-            document = json.loads(next(response.iter_content(REASON_BYTES), b""))
-            return plain(self.redact(" ".join(_words(document))))
-        except (ValueError, RecursionError, requests.RequestException):
-            return None
+        """Return what a JSON answer says, whatever it is wrapped in; None for any other."""
+        with suppress(ValueError, RecursionError, requests.RequestException):
+            if not _is_packed(response):
+                document = json.loads(next(response.iter_content(REASON_BYTES), b""))
+                return plain(self.redact(" ".join(_texts(document))))
+        return None
 
     def _parsed(self, response: requests.Response) -> Any:
         content = bytearray()
@@ -333,63 +328,44 @@ class Server:
                 f"{self.name}: answers with a web page; expected JSON: check the URL, its prefix, "
                 "and whether a proxy or a login page stands between"
             )
-        failure = None
-        try:
+        with suppress(ValueError, RecursionError):
             document = json.loads(content.decode("utf-8"))
             wrong = document.get("error") if isinstance(document, dict) else None
-            reason = plain(self.redact(str(wrong))) if wrong else ""
-        except (ValueError, RecursionError):
-            failure = OutageError(f"{self.name}: answers with something that is no JSON")
-        if failure is not None:
-            raise failure
-        if reason:
+            if not wrong:
+                return document
+            reason = plain(self.redact(str(wrong)))
             raise RefusedError(f"{self.name}: {reason}", reason)
-        return document
+        raise OutageError(f"{self.name}: answers with something that is no JSON")
 
     def _explained(self, error: requests.RequestException) -> ServerError:
         words = repr(error)
-        if "CERTIFICATE_VERIFY_FAILED" in words:
-            return ServerError(
-                f"{self.name}: its certificate is not trusted; give its authority's (--ca FILE) "
-                "or use --insecure"
-            )
-        if "WRONG_VERSION_NUMBER" in words or "record layer failure" in words:
-            return ServerError(f"{self.name}: speaks no TLS on this port; try http:// for https://")
+        for sign, meaning in _FINAL_FAULTS.items():
+            if sign in words:
+                return ServerError(f"{self.name}: {meaning}")
         if isinstance(error, (requests.exceptions.InvalidURL, requests.exceptions.InvalidSchema)):
             return ServerError(f"{self.name}: is no address that can be asked; check the URL")
-        unsent = any(sign in words for sign in _NEVER_CONNECTED)
         if isinstance(error, requests.exceptions.ReadTimeout):
             return OutageError(f"{self.name}: says nothing for {self._silence_s:.0f} s")
-        if unsent:
+        if any(sign in words for sign in _NEVER_CONNECTED):
             return OutageError(f"{self.name}: cannot be reached", unsent=True)
         return OutageError(f"{self.name}: the connection broke")
 
 
-def _words(document: Any) -> Iterator[str]:
-    """Give the texts in a JSON document."""
+def _texts(document: Any) -> Iterator[str]:
+    """Yield all texts in a JSON document."""
     if isinstance(document, str):
         yield document
     elif isinstance(document, (list, dict)):
         for part in document.values() if isinstance(document, dict) else document:
-            yield from _words(part)
-
-
-def _joined(url: str, target: str) -> str:
-    """Return where a redirect leads; ValueError when nobody could ask there."""
-    url = urljoin(url, target)
-    try:
-        requests.Request("GET", url).prepare()
-    except requests.RequestException:
-        raise ValueError from None
-    return url
+            yield from _texts(part)
 
 
 def _is_packed(response: requests.Response) -> bool:
-    """Whether unpacking would make more of an answer than came: a little may become anything."""
+    """Whether a body is compressed: a little of it may unpack to anything."""
     return response.headers.get("Content-Encoding", "identity").strip().lower() != "identity"
 
 
-def _telling(blocks: Iterator[bytes], watch: Watch) -> Iterator[bytes]:
+def _counted(blocks: Iterator[bytes], watch: Watch) -> Iterator[bytes]:
     for block in blocks:
         watch.tell(len(block))
         yield block

@@ -1,11 +1,11 @@
 """A NodeODM or ClusterODM server: the client's side of its API, and the only user of pyodm.
 
-pyodm gives the nouns: ``NodeInfo``, ``NodeOption``, ``TaskStatus`` and how options are written.
-Its transport is gone round, for these reasons (each has a test in ``tests/sfm/test_node.py``):
+pyodm gives the types ``NodeInfo``, ``NodeOption`` and ``TaskStatus``, and how options are written.
+Its transport is not used, for these reasons (each has a test in ``tests/sfm/test_node.py``):
 
 - ``https://host:8443/prefix`` becomes http, and the prefix is dropped: the URL is built here.
 - The token is in the URL and so in every exception, and a mutable default hands it from one
-  ``Node`` to the next: nothing of requests' exceptions is kept (see ``http``).
+  ``Node`` to the next: nothing of requests' exceptions is kept (see `http`).
 - A 403 counts as success, and its body as the zip: status and type are checked.
 - Uploads hold ten whole files in memory, retry files of which nobody knows whether they arrived
   (the node then has both), and hang for ever on a file that is missing: ``upload`` streams one
@@ -22,30 +22,32 @@ from __future__ import annotations
 import json
 import math
 import re
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
-from urllib.parse import parse_qsl, urlsplit, urlunsplit
+from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence
 
 from pyodm.types import NodeInfo, NodeOption, TaskStatus
 from pyodm.utils import options_to_json
 
+from ..odm.archive import zip_fault
 from ..redaction import plain
-from .http import OutageError, RefusedError, Server
-from .multipart import FileBody
-from .zips import zip_fault
+from .access import split_token
+from .errors import ArchiveError, OutageError, RefusedError, TaskLostError
+from .http import Server
+from .upload_body import UploadBody
 
 __all__ = [
-    "ArchiveError",
     "Engine",
-    "Node",
-    "TaskLostError",
+    "NodeClient",
     "TaskState",
     "TaskStatus",
     "as_options",
     "fetch_archive",
-    "split_token",
+    "json_object",
+    "last_lines",
     "task_id",
+    "task_state",
 ]
 
 _LOST = re.compile(
@@ -54,18 +56,8 @@ _LOST = re.compile(
 )
 _TOKEN = re.compile(r"authentication token|token does not match", re.IGNORECASE)
 _UUID = re.compile(r"[0-9a-fA-F]{8}(-?[0-9a-fA-F]{4}){3}-?[0-9a-fA-F]{12}", re.ASCII)
-_LARGER = "give --max-size if the result is right to be that large, and resume"
-_WAY_IN = "set QUANTIFY_NODE_TOKEN or --token-file"
-
-OptionValue = Any  # str, int, float or bool, as the node's own option says
-
-
-class TaskLostError(RefusedError):
-    """The node knows no such task, or no such upload, any more."""
-
-
-class ArchiveError(OutageError):
-    """What was downloaded is no sound zip; downloading it again may help."""
+_LOGIN_HINT = "set QUANTIFY_NODE_TOKEN or --token-file"
+_SIZE_HINT = "give --max-size if the result is right to be that large, and resume"
 
 
 @dataclass(frozen=True)
@@ -101,14 +93,14 @@ class Engine:
     max_images: Optional[int]
 
 
-class Node:
+class NodeClient:
     """A NodeODM or ClusterODM server.
 
     Parameters
     ----------
     url : http or https, any port, any path prefix; ``?token=`` at its end is taken for the token.
     token : sent as NodeODM wants it, in the query; shown nowhere.
-    ca, insecure : see `Server`.
+    ca, insecure, silence_s : see `Server`.
     """
 
     label, overwrites, packs_all = "Node", False, False
@@ -131,17 +123,16 @@ class Node:
             ca=ca,
             insecure=insecure,
             silence_s=silence_s,
-            way_in=_WAY_IN,
+            login_hint=_LOGIN_HINT,
         )
-        self.url = self._server.url
-        self.name = self._server.name
+        self.url, self.name = self._server.url, self._server.name
 
     def __repr__(self) -> str:
-        return f"Node({self.url!r})"
+        return f"NodeClient({self.url!r})"
 
     def info(self) -> Any:
         """Return pyodm's NodeInfo; of ClusterODM's only version and `max_images` mean anything."""
-        return NodeInfo(_object(self._json("GET", "/info"), self.name))
+        return NodeInfo(self._object("GET", "/info"))
 
     def engine(self) -> Engine:
         """Return what the node says of itself."""
@@ -155,19 +146,14 @@ class Node:
         return as_options(self._json("GET", "/options"), self.name)
 
     def init(
-        self,
-        uuid: str,
-        name: str,
-        options: Mapping[str, OptionValue],
-        outputs: Sequence[str] = (),
+        self, uuid: str, name: str, options: Mapping[str, Any], outputs: Sequence[str] = ()
     ) -> str:
         """Begin an upload under a UUID of ours; the same again is harmless until the commit."""
         form = {"name": (None, name), "options": (None, options_to_json(dict(options)))}
         if outputs:
             form["outputs"] = (None, json.dumps(list(outputs)))
-        answer = self._json("POST", "/task/new/init", headers={"set-uuid": uuid}, files=form)
-        given = _object(answer, self.name).get("uuid")
-        if given != uuid:
+        answer = self._object("POST", "/task/new/init", headers={"set-uuid": uuid}, files=form)
+        if answer.get("uuid") != uuid:
             raise OutageError(f"{self.name}: has not taken the task's UUID {uuid}")
         return uuid
 
@@ -192,14 +178,9 @@ class Node:
         RefusedError
             Anything else that the node says; what has arrived is unknown.
         """
-        body = FileBody(path, name, sent=sent, stopped=stopped)
-        answer = self._json(
-            "POST",
-            f"/task/new/upload/{uuid}",
-            upload=body,
-        )
-        if _object(answer, self.name).get("success") is not True:
-            raise OutageError(f"{self.name}: does not confirm that {plain(name, 80)} has arrived")
+        confirmed = f"that {plain(name, 80)} has arrived"
+        with closing(UploadBody(path, name, sent=sent, stopped=stopped)) as body:
+            self._require_success(f"/task/new/upload/{uuid}", confirmed, upload=body)
 
     def commit(self, uuid: str) -> None:
         """End the upload: the node makes a task of it."""
@@ -215,25 +196,16 @@ class Node:
 
     def task(self, uuid: str) -> TaskState:
         """Ask for a task; TaskLostError when the node does not know it."""
-        found = _object(self._json("GET", f"/task/{uuid}/info"), self.name)
-        failure = None
-        try:
-            return _state(found)
-        except (KeyError, TypeError, ValueError, OverflowError):
-            failure = OutageError(f"{self.name}: says nothing that makes sense of task {uuid}")
-        raise failure
+        return task_state(_state, self._object("GET", f"/task/{uuid}/info"), self.name, uuid)
 
     def output(self, uuid: str, lines: int = 20) -> List[str]:
         """Return the last lines of the task's output."""
         found = self._json("GET", f"/task/{uuid}/output", query={"line": str(-lines)})
-        if not isinstance(found, list):
-            return []
-        split = [plain(part) for line in found for part in str(line).splitlines() if part.strip()]
-        return split[-lines:]
+        return last_lines(map(str, found), lines) if isinstance(found, list) else []
 
     def cancel(self, uuid: str) -> None:
         """Stop a task; also one that has stopped already."""
-        self._act("/task/cancel", uuid)
+        self._require_success("/task/cancel", f"/task/cancel of {uuid}", data={"uuid": uuid})
 
     def discard(self, uuid: str) -> None:
         """Leave an upload alone: nodes remove those that are not committed."""
@@ -244,7 +216,7 @@ class Node:
 
     def remove(self, uuid: str) -> None:
         """Remove a task and its files from the node."""
-        self._act("/task/remove", uuid)
+        self._require_success("/task/remove", f"/task/remove of {uuid}", data={"uuid": uuid})
 
     def download(
         self,
@@ -262,51 +234,34 @@ class Node:
         RefusedError
             The node has no archive of that task.
         """
-        path = f"/task/{uuid}/download/all.zip"
-        self._lost_or(lambda: fetch_archive(self._server, path, target, progress, most))
-
-    def _act(self, path: str, uuid: str) -> None:
-        answer = self._json("POST", path, data={"uuid": uuid})
-        if _object(answer, self.name).get("success") is not True:
-            raise OutageError(f"{self.name}: does not confirm {path} of {uuid}")
+        with self._told_apart():
+            fetch_archive(self._server, f"/task/{uuid}/download/all.zip", target, progress, most)
 
     def _json(self, method: str, path: str, **rest: Any) -> Any:
-        return self._lost_or(lambda: self._server.json(method, path, **rest))
+        with self._told_apart():
+            return self._server.json(method, path, **rest)
 
-    def _lost_or(self, ask: Callable[[], Any]) -> Any:
-        """Tell apart what a node means by its errors; they all come as status 200."""
-        failure: Optional[RefusedError] = None
+    def _object(self, method: str, path: str, **rest: Any) -> Dict[str, Any]:
+        return json_object(self._json(method, path, **rest), self.name)
+
+    def _require_success(self, path: str, confirmed: str, **rest: Any) -> None:
+        if self._object("POST", path, **rest).get("success") is not True:
+            raise OutageError(f"{self.name}: does not confirm {confirmed}")
+
+    @contextmanager
+    def _told_apart(self) -> Iterator[None]:
+        """Sort the errors of a node, all of status 200: token refused, task lost, anything else."""
         try:
-            return ask()
+            yield
         except RefusedError as error:
-            failure = error
-        reason = failure.reason
-        if _TOKEN.search(reason):
-            raise RefusedError(
-                f"{self.name}: refuses the token, or needs one ({reason}); {_WAY_IN}",
-                reason,
-            )
-        if _LOST.search(reason):
-            raise TaskLostError(str(failure), reason)
-        raise failure
-
-
-def split_token(url: str, token: Optional[str] = None) -> Tuple[str, Optional[str]]:
-    """Take ``?token=`` out of a URL; a token given apart wins.
-
-    Examples
-    --------
-    >>> split_token("http://host:3000/?token=abc")
-    ('http://host:3000/', 'abc')
-    """
-    try:
-        parts = urlsplit(url)
-    except ValueError:
-        return url, token  # whoever uses it says what is wrong with it
-    pairs = parse_qsl(parts.query)
-    if not pairs or any(key != "token" for key, _ in pairs):
-        return url, token
-    return urlunsplit((*parts[:3], "", "")), token or pairs[0][1]
+            if _TOKEN.search(error.reason):
+                raise RefusedError(
+                    f"{self.name}: refuses the token, or needs one ({error.reason}); {_LOGIN_HINT}",
+                    error.reason,
+                ) from None
+            if _LOST.search(error.reason):
+                raise TaskLostError(str(error), error.reason) from None
+            raise
 
 
 def fetch_archive(
@@ -321,7 +276,7 @@ def fetch_archive(
     `server` is what has the method `download` of `http.Server`.
     """
     part = target.with_name(target.name + ".part")
-    server.download(path, part, progress, most=most, larger=_LARGER)
+    server.download(path, part, progress, most=most, size_hint=_SIZE_HINT)
     fault = zip_fault(part)
     if fault:
         part.unlink()
@@ -329,15 +284,22 @@ def fetch_archive(
     part.replace(target)
 
 
+def json_object(answer: Any, name: str) -> Dict[str, Any]:
+    """Return a server's answer that has to be a JSON object; OutageError for any other."""
+    if not isinstance(answer, dict):
+        raise OutageError(f"{name}: answers with JSON of another kind than expected")
+    return answer
+
+
 def task_id(found: Any, name: str) -> str:
-    """Take a task's id: it goes into addresses and into the journal; OutageError for any other."""
+    """Return a task's id, which goes into addresses and the journal; OutageError for any other."""
     if not isinstance(found, str) or not _UUID.fullmatch(found):
         raise OutageError(f"{name}: answers with something that is no task's id")
     return found
 
 
 def as_options(found: Any, name: str) -> List[Any]:
-    """Take a server's list of options, as pyodm's NodeOption."""
+    """Return a server's list of options as pyodm's NodeOption."""
     known = ("domain", "help", "name", "value", "type")
     sound = isinstance(found, list) and all(
         isinstance(option, dict) and isinstance(option.get("name"), str) for option in found
@@ -347,16 +309,26 @@ def as_options(found: Any, name: str) -> List[Any]:
     return [NodeOption(**{key: option.get(key, "") for key in known}) for option in found]
 
 
-def _object(answer: Any, name: str) -> Dict[str, Any]:
-    if not isinstance(answer, dict):
-        raise OutageError(f"{name}: answers with JSON of another kind than expected")
-    return answer
+def last_lines(texts: Iterable[str], count: int) -> List[str]:
+    """Return the last lines of a task's output that are not blank."""
+    lines = [plain(line) for text in texts for line in text.splitlines() if line.strip()]
+    return lines[-count:]
+
+
+def task_state(
+    read: Callable[[Mapping[str, Any]], TaskState], found: Mapping[str, Any], name: str, uuid: str
+) -> TaskState:
+    """Return what `read` makes of a server's answer on a task; OutageError where that fails."""
+    try:
+        return read(found)
+    except (KeyError, TypeError, ValueError, OverflowError):
+        raise OutageError(f"{name}: says nothing that makes sense of task {uuid}") from None
 
 
 def _state(found: Mapping[str, Any]) -> TaskState:
     status = TaskStatus(found["status"]["code"])
-    processing = float(found["processingTime"]) if found.get("processingTime") is not None else -1.0
-    progress = found.get("progress")
+    given, progress = found.get("processingTime"), found.get("progress")
+    processing = -1.0 if given is None else float(given)
     if not math.isfinite(processing) or not math.isfinite(float(progress or 0.0)):
         raise ValueError
     # ClusterODM has no progress before it has handed the task on, and its count is of all files;

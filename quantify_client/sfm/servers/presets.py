@@ -5,14 +5,14 @@ from __future__ import annotations
 import difflib
 import json
 import math
+import operator
 import re
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union
+from typing import Any, Dict, Mapping, Optional, Sequence, Tuple, Union
 
 from ...errors import UsageError
-from ..odm.layout import CAMERAS, CONTROL_POSITIONS, GEOREFERENCING, MODELS, SHOTS, SIDECARS
 from ..redaction import plain
 
-__all__ = ["MINIMAL_OUTPUTS", "PRESETS", "choose_options"]
+__all__ = ["PRESETS", "choose_options"]
 
 Value = Union[str, int, float, bool]
 
@@ -31,17 +31,12 @@ PRESETS: Mapping[str, Mapping[str, Value]] = {
 }
 """What is asked for unless the user says otherwise; what a node does not have is left out."""
 
-MINIMAL_OUTPUTS: Tuple[str, ...] = (
-    f"{GEOREFERENCING}/{MODELS[0]}",
-    *(f"{GEOREFERENCING}/{name}" for name in SIDECARS[:2]),
-    CONTROL_POSITIONS,
-    SHOTS,
-    CAMERAS,
-    "odm_report/stats.json",
-    "images.json",
-    "log.json",
+
+_WORDS = {"true": True, "1": True, "yes": True, "false": False, "0": False, "no": False}
+_BOUNDS = re.compile(
+    r"(?:float|integer)(?:: ([-+.\d]+) <= x <= ([-+.\d]+)| (>=|>|<=|<) ([-+.\d]+))"
 )
-"""What measuring, scaling and an honest error need; a node leaves out what is missing."""
+_COMPARE = {">=": operator.ge, ">": operator.gt, "<=": operator.le, "<": operator.lt}
 
 
 def choose_options(
@@ -84,31 +79,31 @@ def choose_options(
     chosen = {name: value for name, value in wanted.items() if name in known}
     for name, value in asked.items():
         if name not in known:
-            raise UsageError(_unknown(name, list(known)))
+            bare = name.lower().replace("_", "-").lstrip("-")
+            near = difflib.get_close_matches(bare, known, 3, 0.6)
+            meant = f"did you mean {' or '.join(near)}?" if near else "see the node's /options"
+            raise UsageError(
+                f"The node has no option {plain(name, 60)!r}, and would ignore it; {meant}"
+            )
         chosen[name] = _fitting(known[name], value)
     return chosen, tuple(notes)
 
 
-def _unknown(name: str, known: List[str]) -> str:
-    near = difflib.get_close_matches(name.lower().replace("_", "-").lstrip("-"), known, 3, 0.6)
-    meant = f"did you mean {' or '.join(near)}?" if near else "see the node's /options"
-    return f"The node has no option {plain(name, 60)!r}, and would ignore it; {meant}"
-
-
 def _fitting(option: Any, value: Value) -> Value:
     """Turn a value into what the node's option is; refuse what the node would refuse."""
-    converted: Optional[Value]
+    converted: Optional[Value] = str(value)
     if option.type == "bool":
-        words = {"true": True, "1": True, "yes": True, "false": False, "0": False, "no": False}
-        converted = words.get(str(value).strip().lower())
+        converted = _WORDS.get(str(value).strip().lower())
     elif option.type in ("int", "float"):
         converted = _number(value, option.type)
-    else:
-        converted = str(value)
     if converted is None or not _in_domain(option.domain, converted):
+        expected = str(option.type)
+        if isinstance(option.domain, (list, tuple)):
+            expected = "one of " + ", ".join(plain(choice, 40) for choice in option.domain)
+        elif plain(option.domain, 80) not in ("", expected):
+            expected = f"{expected} ({plain(option.domain, 80)})"
         raise UsageError(
-            f"The option {option.name} cannot be {plain(value, 60)!r}; expected "
-            f"{_expected(option)}"
+            f"The option {option.name} cannot be {plain(value, 60)!r}; expected {expected}"
         )
     return converted
 
@@ -120,13 +115,9 @@ def _number(value: Value, kind: str) -> Optional[Union[int, float]]:
         return None
     if not math.isfinite(number) or isinstance(value, bool):
         return None
-    if kind == "int":
-        return int(number) if number == int(number) else None
-    return number
-
-
-_RANGE = re.compile(r"^(?:float|integer): ([-+.\d]+) <= x <= ([-+.\d]+)$")
-_BOUND = re.compile(r"^(?:float|integer) (>=|>|<=|<) ([-+.\d]+)$")
+    if kind == "float":
+        return number
+    return int(number) if number.is_integer() else None
 
 
 def _in_domain(domain: Any, value: Value) -> bool:
@@ -135,35 +126,18 @@ def _in_domain(domain: Any, value: Value) -> bool:
         return value in domain
     text = str(domain or "")
     if text == "json":
-        return _is_json(str(value))
+        try:
+            json.loads(str(value))
+        except ValueError:
+            return False
     if isinstance(value, (str, bool)):
         return True
-    within, bound = _RANGE.match(text), _BOUND.match(text)
-    if within:
-        return float(within.group(1)) <= value <= float(within.group(2))
-    if bound:
-        limit = float(bound.group(2))
-        return {
-            ">=": value >= limit,
-            ">": value > limit,
-            "<=": value <= limit,
-            "<": value < limit,
-        }[bound.group(1)]
+    bounds = _BOUNDS.fullmatch(text)
+    if bounds:
+        low, high, sign, limit = bounds.groups()
+        if sign is None:
+            return float(low) <= value <= float(high)
+        return bool(_COMPARE[sign](value, float(limit)))
     if text == "percent":
         return 0 <= value <= 100
     return not text.startswith("positive ") or value >= 0
-
-
-def _is_json(text: str) -> bool:
-    try:
-        json.loads(text)
-    except ValueError:
-        return False
-    return True
-
-
-def _expected(option: Any) -> str:
-    if isinstance(option.domain, (list, tuple)):
-        return "one of " + ", ".join(plain(choice, 40) for choice in option.domain)
-    domain = plain(option.domain, 80)
-    return f"{option.type} ({domain})" if domain and domain != option.type else str(option.type)

@@ -1,4 +1,4 @@
-"""A WebODM server: the addresses of its tasks, and requests in the name of a user.
+"""A WebODM server: the addresses of its tasks, and requests with a user's credentials.
 
 Everything behind a task is asked of its REST API under ``/api/``. What it says of errors: 404 for
 what is not there and for what the user may not see; 403 for a token that has expired and for one
@@ -12,6 +12,7 @@ import re
 import threading
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Callable, Optional, Tuple, TypeVar
 from urllib.parse import urlsplit, urlunsplit
@@ -19,7 +20,8 @@ from urllib.parse import urlsplit, urlunsplit
 from ...errors import CloudError, ServerError, UsageError
 from ..redaction import plain
 from .access import PASSWORD, USER, Access
-from .http import OutageError, Server, StatusError
+from .errors import OutageError, StatusError
+from .http import Server
 
 __all__ = ["TaskAddress", "WebODM", "task_address"]
 
@@ -32,7 +34,7 @@ _TASK = re.compile(
     r"|api/projects/(?P<p3>\d+)/tasks/(?P<t3>{u})"
     r")(?:/.*)?$".replace("{u}", _UUID)
 )
-_ENV = f"set {USER} and {PASSWORD}"
+_LOGIN_HINT = f"set {USER} and {PASSWORD}"
 
 T = TypeVar("T")
 
@@ -60,7 +62,7 @@ class TaskAddress:
 
 
 def task_address(url: str) -> TaskAddress:
-    """Take a task's address apart.
+    """Return the parts of a task's address.
 
     Raises
     ------
@@ -97,15 +99,15 @@ def task_address(url: str) -> TaskAddress:
     )
 
 
-class WebODM:
-    """A WebODM server, asked in somebody's name.
+class WebODM(Server):
+    """A WebODM server, asked with somebody's credentials.
 
     Parameters
     ----------
     url : http or https, any port, any path prefix.
     access : who asks. A user logs in when the first request is made, and again when the server
         does not know the token any more.
-    room : see `Server`.
+    disk_hint : see `Server`.
     public : whether anything can be asked for without a user.
     """
 
@@ -115,36 +117,32 @@ class WebODM:
         access: Access,
         *,
         silence_s: float = 60.0,
-        room: str = "make room, or mend the folder, and resume",
+        disk_hint: str = "make room, or mend the folder, and resume",
         public: bool = True,
     ) -> None:
-        self._access, self._public = access, public
-        self._server = Server(
+        super().__init__(
             url,
             secrets=[secret for secret in (access.password, access.token) if secret],
             ca=access.ca,
             insecure=access.insecure,
             silence_s=silence_s,
-            way_in=_ENV,
-            room=room,
-            good=(200, 201),
+            login_hint=_LOGIN_HINT,
+            disk_hint=disk_hint,
+            success=(200, 201),
         )
-        self.url, self.name = self._server.url, self._server.name
+        self._access, self._public = access, public
         self._lock = threading.Lock()
         self._since: Optional[float] = None
         self._login = 0
 
-    def __repr__(self) -> str:
-        return f"WebODM({self.url!r})"
-
     @property
     def is_anonymous(self) -> bool:
-        """Whether nobody in particular asks."""
+        """Whether requests carry no credentials."""
         return self._access.is_anonymous
 
     def json(self, method: str, path: str, **rest: Any) -> Any:
         """Send one request and return its JSON answer; see `Server.json`."""
-        return self._known(lambda: self._server.json(method, path, **rest))
+        return self._known(partial(super().json, method, path, **rest))
 
     def download(
         self,
@@ -154,81 +152,70 @@ class WebODM:
         **rest: Any,
     ) -> None:
         """Write what is at a path into a file; see `Server.download`."""
-        self._known(lambda: self._server.download(path, part, progress, **rest))
+        self._known(partial(super().download, path, part, progress, **rest))
 
     def _known(self, ask: Callable[[], T]) -> T:
-        """Ask as somebody the server knows; what it says of who asks is said in our words."""
+        """Ask with our credentials, logging in as needed; refusals are put into our own words."""
         if self.is_anonymous and not self._public:
-            raise UsageError(f"{self.name}: a task on a WebODM needs a user; {_ENV}")
+            raise UsageError(f"{self.name}: a task on a WebODM needs a user; {_LOGIN_HINT}")
         login = self._log_in()
-        failure: Optional[StatusError] = None
         try:
             return ask()
         except StatusError as error:
-            failure = error
-        if self._is_forgotten(failure):
-            self._log_in(instead_of=login)
-            try:
-                return ask()
-            except StatusError as error:
-                failure = error
-        raise self._explained(failure)
-
-    def _is_forgotten(self, failure: StatusError) -> bool:
-        """Whether to log in once more; 403 and JSON also say that a user may not do something."""
-        can = self._access.token is None and not self.is_anonymous
-        return can and failure.status in (401, 403) and failure.reason is not None
+            can = self._access.token is None and not self.is_anonymous
+            # 403 and JSON also say that a user may not do something: then once more is harmless.
+            if not (can and error.status in (401, 403) and error.reason is not None):
+                raise self._in_words(error) from None
+        self._log_in(instead_of=login)
+        try:
+            return ask()
+        except StatusError as error:
+            raise self._in_words(error) from None
 
     def _log_in(self, instead_of: Optional[int] = None) -> int:
-        """Have the server know us; return which login it is that counts."""
+        """Have the server know us; return the number of the login that counts."""
         access = self._access
         if access.token is not None:
-            self._server.identify({"Authorization": f"JWT {access.token}"}, [])
-            return 0
-        if access.user is None or access.password is None:
+            self.identify({"Authorization": f"JWT {access.token}"}, [])
+        if access.token is not None or access.user is None or access.password is None:
             return 0
         with self._lock:
             fresh = self._since is not None and time.monotonic() - self._since < LOGIN_S
             if not fresh or instead_of == self._login:
-                header, secret = self._ticket(access.user, access.password)
-                self._server.identify({"Authorization": header}, [secret])
+                kind, secret = self._ticket(access.user, access.password)
+                self.identify({"Authorization": f"{kind} {secret}"}, [secret])
                 self._since, self._login = time.monotonic(), self._login + 1
             return self._login
 
     def _ticket(self, user: str, password: str) -> Tuple[str, str]:
-        """Return an Authorization header and what is secret in it."""
+        """Return the kind of an Authorization header, and what is secret in it."""
         given = {"username": user, "password": password}
         try:
-            answer = self._server.json("POST", "/api/token-auth/", json=given)
+            answer = super().json("POST", "/api/token-auth/", json=given)
         except StatusError as error:
-            status, reason = error.status, error.reason
-        else:
-            token = answer.get("token") if isinstance(answer, dict) else None
-            if not token or not isinstance(token, str):
-                raise OutageError(f"{self.name}: answers a login with something that is no token")
-            return f"JWT {token}", token
-        if status in (400, 401) and reason is not None:
-            raise self._refused_login()
-        if status in (403, 404, 405):  # switched off, or not let through: the password itself
-            secret = base64.b64encode(f"{user}:{password}".encode()).decode()
-            return f"Basic {secret}", secret
-        raise ServerError(f"{self.name}: answers a login with status {status}; is it a WebODM?")
+            if error.status in (400, 401) and error.reason is not None:
+                raise ServerError(
+                    f"{self.name}: refuses the user or the password; check {USER} and {PASSWORD}"
+                ) from None
+            if error.status in (403, 404, 405):  # switched off, or not let through: the password
+                return "Basic", base64.b64encode(f"{user}:{password}".encode()).decode()
+            raise ServerError(
+                f"{self.name}: answers a login with status {error.status}; is it a WebODM?"
+            ) from None
+        token = answer.get("token") if isinstance(answer, dict) else None
+        if not token or not isinstance(token, str):
+            raise OutageError(f"{self.name}: answers a login with something that is no token")
+        return "JWT", token
 
-    def _refused_login(self) -> ServerError:
-        return ServerError(
-            f"{self.name}: refuses the user or the password; check {USER} and {PASSWORD}"
-        )
-
-    def _explained(self, failure: StatusError) -> StatusError:
+    def _in_words(self, failure: StatusError) -> StatusError:
         status, reason = failure.status, failure.reason
-        if status in (401, 403):
-            said = f" ({reason})" if reason else ""
-            if self.is_anonymous:
-                words = f"wants to know who asks{said}; {_ENV}"
-            elif self._access.token is not None:
-                words = f"refuses the token{said}; they expire: get a new one, or {_ENV}"
-            else:
-                words = f"does not allow this{said}; check {USER}, {PASSWORD} and the user's rights"
+        said = f" ({reason})" if reason else ""
+        if status in (401, 403) and self.is_anonymous:
+            words = f"wants to know who asks{said}; {_LOGIN_HINT}"
+        elif status in (401, 403) and self._access.token is not None:
+            words = f"refuses the token{said}; they expire: get a new one, or {_LOGIN_HINT}"
+        elif status in (401, 403):
+            words = f"does not allow this{said}; check {USER}, {PASSWORD} and the user's rights"
         elif status == 404 and reason is not None:
             words = f"has nothing there ({reason})"
         elif status == 404:

@@ -11,15 +11,14 @@ import tempfile
 import threading
 from collections import deque
 from contextlib import contextmanager
-from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any, Callable, Deque, Dict, Iterator, List, Mapping, Optional, Set, Tuple
+from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Sequence, Set
 from urllib.parse import quote
 
-from ...cloud import Fetch
 from ...errors import CloudError, OutputError, ServerError
 from ...files.writing import scratch
+from ...types import Notice
 from ..odm.layout import (
     CAMERA_BYTES,
     CAMERA_FILES,
@@ -30,15 +29,17 @@ from ..odm.layout import (
     SHOTS,
     SIDECAR_BYTES,
     SIDECARS,
+    LocatedCloud,
+    Sidecar,
+    read_sidecar,
 )
 from ..redaction import plain
 from .access import PASSWORD, USER, Access
-from .http import StatusError
-from .multipart import StoppedError
-from .patience import Patience
+from .errors import StatusError, StoppedError
+from .patience import Patience, in_parallel
 from .webodm import TaskAddress, WebODM, task_address
 
-__all__ = ["TaskCloud", "task_cloud"]
+__all__ = ["task_cloud"]
 
 Progress = Callable[[str, float], None]
 
@@ -46,9 +47,7 @@ PARALLEL = 6
 PATIENCE_S = 30.0  # somebody waits for a number ...
 FIRST_CONTACT_S = 5.0  # ... and is still there to correct the address
 PAUSE_S = 0.5  # before a second try
-JOIN_S = 2.0
 COMPLETED = 40
-_LOOK_S = 0.2
 _EPT = f"{ENTWINE}/ept.json"
 _INDEX_BYTES = 64 << 20
 _MODELS: Mapping[str, str] = {
@@ -66,34 +65,10 @@ _TIME = re.compile(r"^\d{4}-\d\d-\d\dT[\d:.]{8,20}(?:Z|[+-]\d\d:?\d\d)$", re.ASC
 _STATES = {10: "queued", 20: "running", 30: "failed", 40: "completed", 50: "cancelled"}
 
 
-@dataclass(frozen=True)
-class TaskCloud:
-    """A task's cloud.
-
-    Attributes
-    ----------
-    given : the task's address.
-    folder : the temporary folder; `path` is the cloud's file in it.
-    stem : the task's name.
-    entry : as in `Source.inputs`.
-    crs : what the server takes for the cloud's CRS.
-    fetch : brings the other files of an EPT set.
-    """
-
-    given: str
-    folder: Path
-    path: Path
-    stem: str
-    entry: Mapping[str, Any]
-    crs: Optional[str]
-    warnings: Tuple[str, ...]
-    fetch: Optional[Fetch]
-
-
 @contextmanager
 def task_cloud(
-    url: str, access: Access, *, cameras: bool, windowed: bool, progress: Progress
-) -> Iterator[TaskCloud]:
+    url: str, access: Access, cameras: bool, windowed: bool, progress: Optional[Progress]
+) -> Iterator[LocatedCloud]:
     """Fetch what will be needed of a task; see `open_source` for what decides that.
 
     Raises
@@ -104,57 +79,59 @@ def task_cloud(
         The server cannot be reached, or does not show the task.
     """
     address = task_address(url)
-    server = WebODM(address.server, access, room="make room, or set TMPDIR to a larger disk")
+    server = WebODM(address.server, access, disk_hint="make room, or set TMPDIR to a larger disk")
     with scratch() as folder:
-        fetching = _Fetching(server, address, folder, progress)
+        files = _TaskFiles(server, address, folder, progress)
         try:
-            task = fetching.task()
-            path = _bring_cloud(fetching, task, windowed)
-            beside: Dict[str, int] = {
-                f"{GEOREFERENCING}/{name}": SIDECAR_BYTES for name in SIDECARS[:2]
-            }
+            task = files.task()
+            path = _bring_cloud(files, task, windowed)
+            beside = {f"{GEOREFERENCING}/{name}": SIDECAR_BYTES for name in SIDECARS[:2]}
             if cameras:
-                beside.update({name: CAMERA_BYTES for name in CAMERA_FILES})
-            fetching.bring(beside, "fetching what lies beside the cloud")
-            yield TaskCloud(
-                given=address.given,
-                folder=folder,
-                path=path,
+                beside.update(dict.fromkeys(CAMERA_FILES, CAMERA_BYTES))
+            files.bring(beside, "fetching what lies beside the cloud")
+            created = task.get("created_at")  # the server does not tell when its files were made
+            if not (isinstance(created, str) and _TIME.match(created)):
+                created = datetime.now(timezone.utc).isoformat()
+            sidecar = read_sidecar(path)
+            if sidecar is None and isinstance(task.get("epsg"), int):
+                sidecar = Sidecar(f"EPSG:{task['epsg']}", "the task's EPSG code")
+            size = path.stat().st_size
+            yield LocatedCloud(
+                (path,),
+                True,
+                sidecar,
+                _warnings(address.given, task),
+                [{"path": address.given, "size": size, "mtime": created}],
+                alias=(str(folder), address.given.rstrip("/")),
+                fetch=files.tiles if path.name == "ept.json" else None,
                 stem=plain(task.get("name") or "", 80) or address.task,
-                entry={
-                    "path": address.given,
-                    "size": path.stat().st_size,
-                    "mtime": _time(task.get("created_at")),
-                },
-                crs=f"EPSG:{task['epsg']}" if isinstance(task.get("epsg"), int) else None,
-                warnings=_warnings(address, task),
-                fetch=fetching.tiles if path.name == "ept.json" else None,
             )
         finally:
-            fetching.stop()
+            files.stopped.set()  # what is under way ends; nothing more is written then
 
 
-def _bring_cloud(fetching: _Fetching, task: Mapping[str, Any], windowed: bool) -> Path:
+def _bring_cloud(files: _TaskFiles, task: Mapping[str, Any], windowed: bool) -> Path:
     """Fetch the model; or ept.json alone, where there is one and a window will be asked for."""
     assets = task.get("available_assets")
     assets = [str(name) for name in assets] if isinstance(assets, list) else []
     if windowed:
-        fetching.bring({_EPT: _INDEX_BYTES}, "fetching the index")
-        if fetching.place(_EPT).is_file():
-            return fetching.place(_EPT)
-    for name in (name for name in _MODELS if name in assets):
-        fetching.bring({_MODELS[name]: _MOST}, "fetching the point cloud")
-        if fetching.place(_MODELS[name]).is_file():
-            return fetching.place(_MODELS[name])
+        files.bring({_EPT: _INDEX_BYTES}, "fetching the index")
+        if files.place(_EPT).is_file():
+            return files.place(_EPT)
+    listed = next((name for name in _MODELS if name in assets), None)
+    if listed is None:
         raise CloudError(
-            f"{fetching.given}: the task lists {name} and does not have it; restart the task, or "
+            f"{files.given}: the task holds no point cloud; it is {_state(task)} and has "
+            f"{plain(', '.join(assets), 200) or 'no assets'}; expected georeferenced_model.laz: "
+            "wait until the task has completed, or process it with a point cloud"
+        )
+    files.bring({_MODELS[listed]: _MOST}, "fetching the point cloud")
+    if not files.place(_MODELS[listed]).is_file():
+        raise CloudError(
+            f"{files.given}: the task lists {listed} and does not have it; restart the task, or "
             "export it again"
         )
-    raise CloudError(
-        f"{fetching.given}: the task holds no point cloud; it is {_state(task)} and has "
-        f"{plain(', '.join(assets), 200) or 'no assets'}; expected georeferenced_model.laz: wait "
-        "until the task has completed, or process it with a point cloud"
-    )
+    return files.place(_MODELS[listed])
 
 
 def _state(task: Mapping[str, Any]) -> str:
@@ -162,59 +139,43 @@ def _state(task: Mapping[str, Any]) -> str:
     return _STATES.get(status if isinstance(status, int) else 10, "in an unknown state")
 
 
-def _warnings(address: TaskAddress, task: Mapping[str, Any]) -> Tuple[str, ...]:
+def _warnings(given: str, task: Mapping[str, Any]) -> Sequence[Notice]:
     if task.get("status") == COMPLETED:
         return ()
-    return (
-        f"{address.given}: the task is {_state(task)}; what was measured is what it made before",
-    )
+    text = f"{given}: the task is {_state(task)}; what was measured is the result of an earlier run"
+    return (Notice("task-not-completed", text, task=given, state=_state(task)),)
 
 
-def _time(created: object) -> str:
-    """When the task was made: the server does not tell when its files were."""
-    if isinstance(created, str) and _TIME.match(created):
-        return created
-    return datetime.now(timezone.utc).isoformat()
-
-
-class _Fetching:
+class _TaskFiles:
     """Brings files of a task into their places, several at a time."""
 
     def __init__(
-        self, server: WebODM, address: TaskAddress, folder: Path, progress: Progress
+        self, server: WebODM, address: TaskAddress, folder: Path, progress: Optional[Progress]
     ) -> None:
         self._server, self._address, self._folder = server, address, folder
         self.given, self._progress = address.given, progress
-        self._stopped = threading.Event()
+        self.stopped = threading.Event()
         self._patience = self._patient(PATIENCE_S)
         self._missing: Set[str] = set()
 
     def _patient(self, limit_s: float) -> Patience:
-        return Patience(limit_s, lambda text: None, self._stopped, first_pause_s=PAUSE_S)
+        return Patience(limit_s, lambda text: None, self.stopped, first_pause_s=PAUSE_S)
 
     def place(self, name: str) -> Path:
         """Return where a file is, or would be."""
         return self._folder / name
 
-    def stop(self) -> None:
-        """Have what is under way end; nothing more is written then."""
-        self._stopped.set()
-
     def task(self) -> Mapping[str, Any]:
         """Ask what the server says of the task."""
-        address = self._address
-        public = f"/public/task/{address.task}/json/"
-        path = public if address.project is None else f"{address.api}/"
-        missing = False
+        address, project = self._address, self._address.project
+        path = f"/public/task/{address.task}/json/" if project is None else f"{address.api}/"
         try:
             patience = self._patient(FIRST_CONTACT_S)
             found = patience.through(lambda: self._server.json("GET", path))
         except StatusError as error:
-            if error.status != 404 or (error.reason is None and address.project is not None):
+            if error.status != 404 or (error.reason is None and project is not None):
                 raise
-            missing = True
-        if missing:
-            raise self._unseen()
+            raise self._unseen() from None
         if not isinstance(found, dict) or "available_assets" not in found:
             raise ServerError(f"{self.given}: the server answers with something that is no task")
         return found
@@ -222,11 +183,9 @@ class _Fetching:
     def _unseen(self) -> ServerError:
         where = self._address.project
         scope = "public task of that name" if where is None else f"such task in project {where}"
-        way = (
-            f"set {USER} and {PASSWORD}, or make the task public"
-            if self._server.is_anonymous
-            else "check the address, and that the user may see the project"
-        )
+        way = "check the address, and that the user may see the project"
+        if self._server.is_anonymous:
+            way = f"set {USER} and {PASSWORD}, or make the task public"
         return ServerError(
             f"{self.given}: there is no {scope}, or it may not be seen (WebODM says the same of "
             f"both); {way}"
@@ -245,7 +204,7 @@ class _Fetching:
         ServerError, OutputError
             One of them could not be fetched.
         """
-        waiting: Deque[Tuple[str, int]] = deque(
+        waiting = deque(
             (name, most)
             for name, most in wanted.items()
             if name not in self._missing and not self.place(name).is_file()
@@ -255,59 +214,43 @@ class _Fetching:
         failures: List[BaseException] = []
 
         def work() -> None:
-            try:
-                while not failures and not self._stopped.is_set():
+            while not failures and not self.stopped.is_set():
+                try:
                     name, most = waiting.popleft()
-                    self._bring_one(name, most, shares)
-            except IndexError:
-                return
-            except BaseException as error:
-                failures.append(error)
+                except IndexError:
+                    return
+                self._bring_one(name, most, shares)
 
-        threads = [threading.Thread(target=work, daemon=True) for _ in range(min(PARALLEL, total))]
-        for thread in threads:
-            thread.start()
-        try:
-            for thread in threads:
-                while thread.is_alive():
-                    thread.join(_LOOK_S)
-                    self._progress(stage, min(sum(list(shares.values())) / total, 1.0))
-        except BaseException:
-            self._stopped.set()
-            for thread in threads:
-                thread.join(JOIN_S)
-            raise
-        if failures:
-            raise failures[0]
+        def tell() -> None:
+            if self._progress is not None:
+                self._progress(stage, min(sum(list(shares.values())) / total, 1.0))
+
+        if total:
+            in_parallel(min(PARALLEL, total), work, failures, self.stopped, tell)
 
     def _bring_one(self, name: str, most: int, shares: Dict[str, float]) -> None:
         target = self.place(name)
         part = target.with_name(target.name + ".part")
         target.parent.mkdir(parents=True, exist_ok=True)
         alias = _ASSETS.get(name)
-        place = f"download/{alias}" if alias else f"assets/{quote(name)}"
-        is_json = name.endswith("json")
+        path = f"{self._address.api}/" + (f"download/{alias}" if alias else f"assets/{quote(name)}")
 
         def tell(done: int, total: Optional[int]) -> None:
-            if self._stopped.is_set():
+            if self.stopped.is_set():
                 raise StoppedError
             shares[name] = done / total if total else 0.0
 
         def ask() -> None:
-            path = f"{self._address.api}/{place}"
-            self._server.download(path, part, tell, most=most, is_json=is_json)
+            self._server.download(path, part, tell, most=most, is_json=name.endswith("json"))
 
-        full: Optional[str] = None
         try:
             self._patience.through(ask)
         except OutputError as error:
-            full = str(error).replace(str(part), tempfile.gettempdir())
+            raise OutputError(str(error).replace(str(part), tempfile.gettempdir())) from None
         except StatusError as error:
             if error.status != 404 or error.reason is None:
                 raise
             self._missing.add(name)
             return
-        if full is not None:
-            raise OutputError(full)
         part.replace(target)
         shares[name] = 1.0

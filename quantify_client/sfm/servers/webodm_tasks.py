@@ -1,4 +1,4 @@
-"""Tasks on a WebODM server: the same small interface as a node has (see `jobs.servers`).
+"""Tasks on a WebODM server: the same small interface as a node has (see `jobs.job`).
 
 What differs, and what is made of it:
 
@@ -15,24 +15,26 @@ What differs, and what is made of it:
 from __future__ import annotations
 
 import math
-from contextlib import suppress
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
-from typing import Any, Callable, List, Mapping, Optional, Sequence
+from typing import Any, Callable, Iterator, List, Mapping, Optional, Sequence
 
 from ...errors import ServerError
 from ..redaction import plain
 from .access import Access
-from .http import OutageError, RefusedError, StatusError
-from .multipart import FileBody
+from .errors import OutageError, RefusedError, StatusError, TaskLostError
 from .nodeodm import (
     Engine,
-    TaskLostError,
     TaskState,
     TaskStatus,
     as_options,
     fetch_archive,
+    json_object,
+    last_lines,
     task_id,
+    task_state,
 )
+from .upload_body import UploadBody
 from .webodm import WebODM
 
 __all__ = ["WebODMTasks"]
@@ -79,12 +81,10 @@ class WebODMTasks:
 
     def info(self) -> Mapping[str, Any]:
         """Ask for the project; RefusedError when it is not there for this user."""
-        failure: Optional[StatusError] = None
-        try:
-            return self._object(self._server.json("GET", f"/api/projects/{self._project}/"))
-        except StatusError as error:
-            failure = error
-        raise self._refused(failure, f"has no project {self._project}, {_HIDDEN}")
+        missing = f"{self.name}: has no project {self._project}, {_HIDDEN}"
+        with self._refusals(missing=missing):
+            answer = self._server.json("GET", f"/api/projects/{self._project}/")
+            return json_object(answer, self.name)
 
     def engine(self) -> Engine:
         """Return what the nodes behind WebODM say; ServerError when nobody could take a task."""
@@ -94,8 +94,8 @@ class WebODMTasks:
                 f"{self.name}: the user may look at project {self._project}, not add to it; ask "
                 "its owner, or use another project"
             )
-        found = self._asked("GET", "/api/processingnodes/")
-        online = [node for node in self._objects(found) if node.get("online")]
+        found = self._list("/api/processingnodes/")
+        online = [node for node in found if node.get("online")]
         if not online:
             raise ServerError(
                 f"{self.name}: has no processing node that is online and open to the user; a task "
@@ -112,7 +112,7 @@ class WebODMTasks:
 
     def options(self) -> List[Any]:
         """Return the options that all nodes behind WebODM have."""
-        return as_options(self._asked("GET", "/api/processingnodes/options/"), self.name)
+        return as_options(self._json("GET", "/api/processingnodes/options/"), self.name)
 
     def init(
         self, uuid: str, name: str, options: Mapping[str, Any], outputs: Sequence[str] = ()
@@ -121,16 +121,18 @@ class WebODMTasks:
         if self._find(uuid) is not None:
             return uuid
         mine = self._marked()
-        if mine:
-            return task_id(mine[0].get("id"), self.name)
-        given = {
-            "name": self._marker,
-            "partial": True,
-            "auto_processing_node": True,
-            "options": [{"name": key, "value": _sendable(v)} for key, v in options.items()],
-        }
-        made = self._object(self._asked("POST", self._tasks, json=given))
-        return task_id(made.get("id"), self.name)
+        if not mine:
+            given = {
+                "name": self._marker,
+                "partial": True,
+                "auto_processing_node": True,
+                "options": [
+                    {"name": key, "value": value or str(value).lower()}
+                    for key, value in options.items()
+                ],
+            }
+            mine.append(json_object(self._json("POST", self._tasks, json=given), self.name))
+        return task_id(mine[0].get("id"), self.name)
 
     def upload(
         self,
@@ -143,16 +145,9 @@ class WebODMTasks:
     ) -> None:
         """Send one file, in the place of any other of its name."""
         texts = {"name": " ".join(self._task_name.split())}
-        body = FileBody(path, name, texts=texts, sent=sent, stopped=stopped)
-        answer = self._object(
-            self._of_task(
-                uuid,
-                "POST",
-                "upload/",
-                upload=body,
-            )
-        )
-        arrived = answer.get("uploaded")
+        with closing(UploadBody(path, name, texts=texts, sent=sent, stopped=stopped)) as body:
+            answer = self._of_task(uuid, "POST", "upload/", upload=body)
+        arrived = json_object(answer, self.name).get("uploaded")
         if isinstance(arrived, dict) and arrived and name not in arrived:
             other = plain(", ".join(map(str, arrived)), 80)
             reason = f"has stored {plain(name, 80)!r} as {other!r}"
@@ -163,7 +158,7 @@ class WebODMTasks:
             )
 
     def commit(self, uuid: str) -> None:
-        """End the upload; what lost answers have left behind goes."""
+        """End the upload, and remove what lost answers have left behind."""
         for other in self._marked():
             if str(other.get("id")) != uuid:
                 self._remove(other)
@@ -176,22 +171,15 @@ class WebODMTasks:
 
     def task(self, uuid: str) -> TaskState:
         """Ask for a task; TaskLostError when it is not there for this user."""
-        found = self._object(self._of_task(uuid, "GET"))
+        found = json_object(self._of_task(uuid, "GET"), self.name)
         if found.get("partial"):
-            found = self._object(self._of_task(uuid, "POST", "commit/"))
-        failure = None
-        try:
-            return self._state(found)
-        except (KeyError, TypeError, ValueError, OverflowError):
-            failure = OutageError(f"{self.name}: says nothing that makes sense of task {uuid}")
-        raise failure
+            found = json_object(self._of_task(uuid, "POST", "commit/"), self.name)
+        return task_state(self._state, found, self.name, uuid)
 
     def output(self, uuid: str, lines: int = 20) -> List[str]:
         """Return the last lines of the task's output."""
         found = self._of_task(uuid, "GET", "output/", query={"limit": str(-lines)})
-        whole = found if isinstance(found, str) else ""
-        split = [plain(line) for line in whole.splitlines() if line.strip()]
-        return split[-lines:]
+        return last_lines([found], lines) if isinstance(found, str) else []
 
     def cancel(self, uuid: str) -> None:
         """Stop a task; a worker does it when it comes to it."""
@@ -199,8 +187,7 @@ class WebODMTasks:
 
     def discard(self, uuid: str) -> None:
         """Remove a task that was never committed, with the files that it has got."""
-        found = self._find(uuid)
-        for task in [found, *self._marked()]:
+        for task in [self._find(uuid), *self._marked()]:
             if task is not None and task.get("partial"):
                 self._remove(task)
 
@@ -220,16 +207,13 @@ class WebODMTasks:
         most: Optional[int] = None,
     ) -> None:
         """Fetch a task's all.zip: into ``.part`` first, its length and contents checked."""
-        failure: Optional[StatusError] = None
         try:
-            path = f"{self._tasks}{uuid}/download/all.zip"
-            fetch_archive(self._server, path, target, progress, most)
-        except StatusError as error:
-            failure = error
-        if failure is not None:
-            if failure.status == 404 and self._find(uuid) is None:
-                raise self._lost(uuid)
-            raise self._refused(failure, str(failure))
+            with self._refusals():
+                path = f"{self._tasks}{uuid}/download/all.zip"
+                fetch_archive(self._server, path, target, progress, most)
+        except RefusedError:
+            self._of_task(uuid, "GET")  # TaskLostError where it is the task that is missing
+            raise
 
     def _state(self, found: Mapping[str, Any]) -> TaskState:
         # A task that nothing has been done about yet has no status.
@@ -259,64 +243,51 @@ class WebODMTasks:
 
     def _find(self, uuid: str) -> Optional[Mapping[str, Any]]:
         try:
-            return self._object(self._of_task(uuid, "GET"))
+            return json_object(self._of_task(uuid, "GET"), self.name)
         except TaskLostError:
             return None
 
     def _marked(self) -> List[Mapping[str, Any]]:
-        """Find the uploads of this job that have no file yet."""
-        found = self._objects(self._asked("GET", self._tasks))
-        return [
-            task
-            for task in found
-            if task.get("partial") and self._marker and task.get("name") == self._marker
-        ]
+        """Return the uploads of this job that have no file yet."""
+        found = self._list(self._tasks)
+        mine = [task for task in found if task.get("partial") and task.get("name") == self._marker]
+        return mine if self._marker else []
 
     def _remove(self, task: Mapping[str, Any]) -> None:
         with suppress(TaskLostError):  # or one who may not delete: WebODM does so after three days
             self._of_task(str(task.get("id")), "POST", "remove/")
 
-    def _asked(self, method: str, path: str, **rest: Any) -> Any:
-        failure: Optional[StatusError] = None
-        try:
+    def _json(self, method: str, path: str, **rest: Any) -> Any:
+        with self._refusals():
             return self._server.json(method, path, **rest)
-        except StatusError as error:
-            failure = error
-        raise self._refused(failure, str(failure))
 
-    def _of_task(self, uuid: str, method: str, action: str = "", **rest: Any) -> Any:
-        failure: Optional[StatusError] = None
-        try:
-            return self._server.json(method, f"{self._tasks}{uuid}/{action}", **rest)
-        except StatusError as error:
-            failure = error
-        if failure.status == 404 and failure.reason is not None:
-            raise self._lost(uuid)
-        raise self._refused(failure, str(failure))
-
-    def _lost(self, uuid: str) -> TaskLostError:
-        reason = f"no such task in project {self._project}, {_HIDDEN}"
-        return TaskLostError(f"{self.name}: {reason}: {uuid}", reason)
-
-    def _refused(self, failure: StatusError, words: str) -> ServerError:
-        if failure.status in (401, 403) or failure.reason is None:
-            return failure
-        said = words if words.startswith(self.name) else f"{self.name}: {words}"
-        return RefusedError(said, failure.reason)
-
-    def _object(self, answer: Any) -> Mapping[str, Any]:
-        if not isinstance(answer, dict):
-            raise OutageError(f"{self.name}: answers with JSON of another kind than expected")
-        return answer
-
-    def _objects(self, answer: Any) -> List[Mapping[str, Any]]:
-        """Take a list, whole or as a page of one."""
+    def _list(self, path: str) -> List[Mapping[str, Any]]:
+        """Return a list, which comes whole or as a page of one."""
+        answer = self._json("GET", path)
         if isinstance(answer, dict):
             answer = answer.get("results")
         if not isinstance(answer, list) or not all(isinstance(one, dict) for one in answer):
             raise OutageError(f"{self.name}: answers with something that is no list")
         return answer
 
+    def _of_task(self, uuid: str, method: str, action: str = "", **rest: Any) -> Any:
+        reason = f"no such task in project {self._project}, {_HIDDEN}"
+        lost = TaskLostError(f"{self.name}: {reason}: {uuid}", reason)
+        with self._refusals(lost):
+            return self._server.json(method, f"{self._tasks}{uuid}/{action}", **rest)
 
-def _sendable(value: Any) -> Any:
-    return value if value else str(value).lower()
+    @contextmanager
+    def _refusals(
+        self, lost: Optional[TaskLostError] = None, missing: Optional[str] = None
+    ) -> Iterator[None]:
+        """Raise RefusedError for what WebODM refuses with a reason; `lost` where it says 404."""
+        try:
+            yield
+        except StatusError as error:
+            if error.reason is None:
+                raise
+            if error.status == 404 and lost is not None:
+                raise lost from None
+            if error.status in (401, 403):
+                raise
+            raise RefusedError(missing or str(error), error.reason) from None

@@ -7,44 +7,39 @@ from typing import Optional, Sequence, Union
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
-from ...types import FloatArray, Gap, IntArray
+from ...types import FloatArray, Gap
 from .hollows import water_levels
-from .pockets import find_pockets
-from .sections import Surface, surface_of
-from .spaces import Spaces, find_spaces, open_faces
-from .tetrahedra import Tetrahedra, tetrahedralize
+from .sections import BodySurface, surface_of
+from .spaces import Spaces, border_faces, find_pockets, find_spaces, open_faces
+from .tetrahedra import Tetrahedra, connected, tetrahedralize
 
 __all__ = ["Enclosed", "Open", "enclose"]
 
 #: Hollows shallower than this many spacings are roughness.
 _SHALLOW = 4.0
 
-#: Share of the faces of the surface that are narrower than what the skin is made of.
+#: The skin is space no wider than this quantile of the widths of the surface's faces.
 _SKIN = 0.99
 
 #: A sheet of points has less than this many spacings between its sides.
 _SHEET = 0.5
 
-_BoolArray = npt.NDArray[np.bool_]
-
 
 @dataclass(frozen=True)
 class Enclosed:
-    """A body.
+    """The body that a surface encloses.
 
     Attributes
     ----------
     surface : of the body, for sections.
     within : volume within the surface, cubic metres.
-    outer, inner : volumes of the skin outside and inside of the surface, cubic metres: of the space
-        that is as narrow as the gaps between the surface's points.
+    outer, inner : volumes of the skin outside and inside of the surface, cubic metres. The skin is
+        the space that is as narrow as the gaps between the surface's points.
     spacing : of the points, metres.
     water : volume of the hollows that were filled, cubic metres.
-    voids : volume of what is enclosed by matter, cubic metres; part of ``within`` unless hollow.
-    hollow : hollows and voids are no part of the body.
+    voids : volume of the voids in matter, cubic metres; part of ``within`` unless they were left
+        out.
     narrow : share of the matter that is as narrow as the skin.
     gaps : openings closed.
     patches : (G, 3, 3) float64, the triangles that close them.
@@ -52,30 +47,34 @@ class Enclosed:
     thin_walled : the walls are so thin that their two sides were taken as one.
     """
 
-    surface: Surface
+    surface: BodySurface
     within: float
     outer: float
     inner: float
     spacing: float
     water: float
     voids: float
-    hollow: bool
     narrow: float
     gaps: Sequence[Gap]
     patches: FloatArray
     leaks: Sequence[Gap]
     thin_walled: bool
 
+    @property
+    def skin(self) -> float:
+        """Half the volume of the skin, cubic metres."""
+        return 0.5 * (self.outer + self.inner)
+
 
 @dataclass(frozen=True)
 class Open:
-    """A surface that encloses nothing, and the openings wider than allowed, if that is why."""
+    """A surface that encloses no space; ``leaks`` are its openings wider than allowed, if any."""
 
     leaks: Sequence[Gap]
 
 
 def enclose(points: FloatArray, *, hollow: bool, max_gap: Optional[float]) -> Union[Enclosed, Open]:
-    """Return the body whose surface some points lie on, if they enclose any.
+    """Return the body whose surface the points lie on, or `Open` when they enclose no space.
 
     Parameters
     ----------
@@ -97,44 +96,29 @@ def enclose(points: FloatArray, *, hollow: bool, max_gap: Optional[float]) -> Un
         if _is_sheet(space, spaces.number > 0, spacing):
             return Open(spaces.leaks)
     depth = spaces.depth[spaces.number]
-    skin = _skin_width(space, depth > 0)
-    ceiling = np.where(depth > 0, np.inf, -np.inf)
+    within_surface, is_void = depth > 0, (depth > 0) & (depth % 2 == 0)
+    skin = _skin_width(space, within_surface)
+    ceiling = np.where(within_surface, np.inf, -np.inf)
     if hollow:
-        ceiling[(depth > 0) & (depth % 2 == 0)] = -np.inf
+        ceiling[is_void] = -np.inf
     else:
-        deep = water_levels(space, depth == 0, _SHALLOW * spacing, skin)
+        deep = water_levels(space, ~within_surface, _SHALLOW * spacing, skin)
         ceiling = np.maximum(ceiling, deep)
-    return _measured(space, spaces, depth, ceiling, skin, hollow, thin_walled)
-
-
-def _measured(
-    space: Tetrahedra,
-    spaces: Spaces,
-    depth: IntArray,
-    ceiling: FloatArray,
-    skin: float,
-    hollow: bool,
-    thin_walled: bool,
-) -> Enclosed:
     surface = surface_of(space, ceiling)
     within = surface.volume()
-    widest = np.zeros(len(depth))
-    np.maximum.at(widest, space.first, space.width)
-    np.maximum.at(widest, space.second, space.width)
-    solid, narrow = ceiling > -np.inf, widest <= skin
-    matter = space.volume[solid & (depth > 0)]
-    outer = float(space.volume[~solid & narrow].sum())
-    inner = float(space.volume[solid & (depth > 0) & narrow].sum())
+    solid, narrow = ceiling > -np.inf, space.widest() <= skin
+    matter = solid & within_surface
+    matter_volume = float(space.volume[matter].sum())
+    inner = float(space.volume[matter & narrow].sum())
     return Enclosed(
         surface=surface,
         within=within,
-        outer=outer,
+        outer=float(space.volume[~solid & narrow].sum()),
         inner=inner,
-        spacing=float(np.median(space.spacing)),
-        water=max(0.0, within - float(matter.sum())),
-        voids=float(space.volume[(depth > 0) & (depth % 2 == 0)].sum()),
-        hollow=hollow,
-        narrow=inner / float(matter.sum()),
+        spacing=spacing,
+        water=max(0.0, within - matter_volume),
+        voids=float(space.volume[is_void].sum()),
+        narrow=inner / matter_volume,
         gaps=spaces.gaps,
         patches=space.points[space.faces[spaces.closing]],
         leaks=spaces.leaks,
@@ -142,27 +126,22 @@ def _measured(
     )
 
 
-def _skin_width(space: Tetrahedra, matter: _BoolArray) -> float:
-    """Return how wide the gaps between the points of the surface are, openings apart."""
-    border = np.flatnonzero(matter[space.first] != matter[space.second])
+def _skin_width(space: Tetrahedra, matter: npt.NDArray[np.bool_]) -> float:
+    """Return the width of the gaps between the points of the surface, without openings."""
+    border = border_faces(space, matter)
     closed = border[~open_faces(space, border)]
     return float(np.quantile(space.width[closed], _SKIN)) if len(closed) else 0.0
 
 
 def _walls(space: Tetrahedra, leaks: Sequence[Gap]) -> Spaces:
-    """Return the spaces when all that no opening leads to is matter."""
+    """Return the spaces of thin walls: outside is what open faces lead to, all else is matter."""
     wide = np.flatnonzero(open_faces(space, np.arange(len(space.faces))))
-    count = space.around + 1
-    links = coo_matrix(
-        (np.ones(len(wide)), (space.first[wide], space.second[wide])), (count, count)
-    )
-    part = connected_components(links, directed=False)[1]
+    part = connected(space.first[wide], space.second[wide], space.around + 1)
     number = (part != part[-1]).astype(np.int64)
     return Spaces(number, np.array([0, 1]), (), np.empty(0, dtype=np.int64), leaks)
 
 
-def _is_sheet(space: Tetrahedra, matter: _BoolArray, spacing: float) -> bool:
+def _is_sheet(space: Tetrahedra, matter: npt.NDArray[np.bool_], spacing: float) -> bool:
     """Whether matter is as thin as the points of a single surface make it."""
-    border = np.flatnonzero(matter[space.first] != matter[space.second])
-    area = float(space.face_areas(border).sum())
+    area = float(space.face_areas(border_faces(space, matter)).sum())
     return float(space.volume[matter].sum()) < _SHEET * spacing * area / 2.0

@@ -1,4 +1,4 @@
-"""The plane that a body stands on, found in the cloud, and the lid that closes the body there.
+"""The floor of a body: found, made level, left out with the outliers, and the body closed there.
 
 A plane supports a body when nearly nothing lies on its other side. It is ground, and not a face of
 the body, when much of it lies beside the body. Source of the search: RANSAC, Fischler and Bolles
@@ -8,17 +8,28 @@ the body, when much of it lies beside the body. Source of the search: RANSAC, Fi
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Optional
+from dataclasses import dataclass, field, replace
+from typing import Any, Optional, Tuple, Union
 
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import binary_dilation
 from scipy.spatial import ConvexHull, Delaunay, QhullError
 
-from ...types import FloatArray
+from ...errors import InputError
+from ...types import FloatArray, Floor, IntArray
+from .spacing import is_outlier, spacings
 
-__all__ = ["Plane", "Pose", "find_plane", "is_ground", "lid"]
+__all__ = [
+    "FloorPlane",
+    "Pose",
+    "Standing",
+    "find_plane",
+    "is_ground",
+    "lid",
+    "on_lowest_points",
+    "stand",
+]
 
 _TRIALS = 400
 _SAMPLE = 4_000  # points that a trial plane is judged by
@@ -42,14 +53,161 @@ _FLAT = 0.25
 
 _MOST_CELLS = 4_000_000
 
-_BoolArray = npt.NDArray[np.bool_]
+#: Points along a lid, at most.
+_MOST_STEPS = 2000
+
+_FEWEST = 7  # points that may be a body
+
+#: Largest tilt of ground that is found without being asked for, degrees.
+_STEEPEST = 60.0
+
+#: Points within this many spacings of an elevation given belong to the ground.
+_GIVEN_REACH = 0.5
+
+#: A body closed at its lowest points may go on below for this many spacings.
+_LOWEST_UNSURE = 0.25
+
+#: The foot of a body begins above this share of its points: noise of the ground reaches higher.
+_FOOT = 0.002
+
+#: The lid reaches under all points in this share of the height.
+_LID_UNDER = 0.15
 
 
 @dataclass(frozen=True)
-class Plane:
-    """All points p with normal . p = offset; the normal points to the body.
+class Standing:
+    """Points of a body, and what it stands on.
 
-    ``reach`` is how far from it points still belong to it, metres.
+    Attributes
+    ----------
+    points : (N, 3) float64, metres, upright; heights count from the floor where there is one.
+    counts : (N,) int64, points of the cloud in each.
+    outliers, ground : (S, 3) and (G, 3) float64, points left out, upright.
+    outlier_count, ground_count : points of the cloud in these.
+    pose : how the points were made upright, None where they were left as they are.
+    floor : None where the body stands on none.
+    lid : (K, 3) float64, points that close the body at its foot; empty where it was not closed.
+    sure, unsure : below the lid, height that is taken as upright body and, above that, height that
+        may be body or not, metres.
+    """
+
+    points: FloatArray
+    counts: IntArray
+    outliers: FloatArray
+    ground: FloatArray
+    outlier_count: int
+    ground_count: int
+    pose: Optional[Pose] = None
+    floor: Optional[Floor] = None
+    lid: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    sure: float = 0.0
+    unsure: float = 0.0
+
+    @classmethod
+    def of(
+        cls,
+        points: FloatArray,
+        counts: IntArray,
+        body: npt.NDArray[np.bool_],
+        ground: npt.NDArray[np.bool_],
+        **more: Any,
+    ) -> Standing:
+        """Return points divided into body, ground and outliers."""
+        rest = ~body & ~ground
+        return cls(
+            points=points[body],
+            counts=counts[body],
+            outliers=points[rest],
+            ground=points[ground],
+            outlier_count=int(counts[rest].sum()),
+            ground_count=int(counts[ground].sum()),
+            **more,
+        )
+
+    def as_found(self, points: FloatArray) -> FloatArray:
+        """(N, 3) upright points turned back to where they are in the cloud."""
+        return points if self.pose is None else self.pose.undo(points)
+
+    def closed(self) -> Tuple[Standing, float]:
+        """Return the body with a lid at its foot, and the elevation of that."""
+        z = np.sort(self.points[:, 2])
+        foot = float(z[min(int(_FOOT * len(z)), len(z) - 1)])
+        spacing = float(np.median(spacings(self.points)))
+        upto = foot + max(_LID_UNDER * float(z[-1] - foot), 3.0 * spacing)
+        return replace(self, lid=lid(self.points, foot, upto, spacing)), foot
+
+
+def stand(points: FloatArray, counts: IntArray, floor: Union[str, float]) -> Standing:
+    """Return the body without ground and outliers, closed on its floor where there is one.
+
+    Parameters
+    ----------
+    points : (N, 3) float64, metres, in an order that does not depend on the file's.
+    counts : (N,) int64, points of the cloud in each.
+    floor : ``"auto"``, ``"none"``, ``"plane"``, or an elevation in metres.
+
+    Raises
+    ------
+    InputError
+        For ``"plane"`` where there is none, and for a floor with nothing above it.
+    """
+    clean = ~is_outlier(points)
+    without_floor = Standing.of(points, counts, clean, np.zeros(len(points), dtype=bool))
+    plane, found = _plane(points[clean], floor)
+    if plane is None:
+        return without_floor
+    pose = Pose.on(plane, points)
+    turned = pose.apply(points)
+    ground = turned[:, 2] <= plane.reach
+    body = ~ground & clean
+    if np.count_nonzero(body) < _FEWEST:
+        if floor == "auto":
+            return without_floor
+        raise InputError(
+            "nothing stands above the floor: expected a body and not a level cloud; give --floor Z "
+            "below it, or --floor none, or --shape terrain for a piece of land"
+        )
+    body[body] = ~is_outlier(turned[body])
+    x, y, z = plane.normal.tolist()
+    tilt = math.degrees(math.acos(min(1.0, abs(z))))
+    on = Floor((x, y, z), float(pose.pivot[2]), tilt, int(counts[ground].sum()), found)
+    standing, foot = Standing.of(turned, counts, body, ground, pose=pose, floor=on).closed()
+    foot = max(0.0, foot)
+    return replace(standing, sure=min(foot, plane.reach), unsure=max(0.0, foot - plane.reach))
+
+
+def on_lowest_points(standing: Standing) -> Standing:
+    """Return the same body closed by a level lid at its lowest points."""
+    lowest_point = float(standing.points[:, 2].min())
+    lowest = Floor((0.0, 0.0, 1.0), lowest_point, 0.0, 0, "lowest points")
+    closed, foot = replace(standing, floor=lowest).closed()
+    below = _LOWEST_UNSURE * float(np.median(spacings(standing.points)))
+    return replace(closed, unsure=foot - lowest_point + below)
+
+
+def _plane(points: FloatArray, floor: Union[str, float]) -> Tuple[Optional[FloorPlane], str]:
+    """Return the floor's plane and how it was found."""
+    if floor == "none" or len(points) < _FEWEST:
+        return None, ""
+    spacing = float(np.median(spacings(points)))
+    if not isinstance(floor, str):
+        return FloorPlane(np.array([0.0, 0.0, 1.0]), float(floor), _GIVEN_REACH * spacing), "given"
+    plane = find_plane(points, spacing, _STEEPEST if floor == "auto" else 180.0)
+    if floor == "auto" and plane is not None and not is_ground(points, plane, spacing):
+        plane = None
+    if floor == "plane" and plane is None:
+        raise InputError(
+            "no plane in the cloud has all else on one side of it: give the floor's elevation "
+            "(--floor Z), or --floor none for a body seen from below"
+        )
+    return plane, "in the cloud"
+
+
+@dataclass(frozen=True)
+class FloorPlane:
+    """The plane normal . p = offset; the normal points to the body.
+
+    Points no farther from it than ``reach`` belong to it, metres.
     """
 
     normal: FloatArray
@@ -57,12 +215,11 @@ class Plane:
     reach: float
 
     def height(self, points: FloatArray) -> FloatArray:
-        """(N,) of points above the plane."""
-        above: FloatArray = points @ self.normal - self.offset
-        return above
+        """(N,) heights of points above the plane."""
+        return np.asarray(points @ self.normal - self.offset)
 
 
-def find_plane(points: FloatArray, spacing: float, steepest: float = 180.0) -> Optional[Plane]:
+def find_plane(points: FloatArray, spacing: float, steepest: float = 180.0) -> Optional[FloorPlane]:
     """Return the plane with most points among those that support all others, or None.
 
     Parameters
@@ -89,8 +246,8 @@ def find_plane(points: FloatArray, spacing: float, steepest: float = 180.0) -> O
     return None if best is None else _refined(points, some[best], spacing)
 
 
-def _refined(points: FloatArray, on: FloatArray, spacing: float) -> Optional[Plane]:
-    """Return the plane fitted to all points near a first one; None if it supports nothing."""
+def _refined(points: FloatArray, on: FloatArray, spacing: float) -> Optional[FloorPlane]:
+    """Return the plane fitted to all points near a first one; None if points lie on both sides."""
     for _ in range(4):
         middle = on.mean(axis=0)
         normal = np.linalg.svd(on - middle, full_matrices=False)[2][2]
@@ -106,10 +263,10 @@ def _refined(points: FloatArray, on: FloatArray, spacing: float) -> Optional[Pla
         or np.mean(height < -2.0 * reach - spacing) > _BELOW
     ):
         return None
-    return Plane(normal, float(middle @ normal), reach)
+    return FloorPlane(normal, float(middle @ normal), reach)
 
 
-def is_ground(points: FloatArray, plane: Plane, spacing: float) -> bool:
+def is_ground(points: FloatArray, plane: FloorPlane, spacing: float) -> bool:
     """Whether much of a supporting plane lies beside what stands on it."""
     turned = Pose.on(plane, points).apply(points)
     on = np.abs(turned[:, 2]) <= plane.reach
@@ -133,22 +290,20 @@ class Pose:
     pivot: FloatArray
 
     @classmethod
-    def on(cls, plane: Plane, points: FloatArray) -> Pose:
+    def on(cls, plane: FloorPlane, points: FloatArray) -> Pose:
         """Return the pose that turns about the foot of the points' middle."""
         middle = points.mean(axis=0)
         return cls(_level(plane.normal), middle - plane.normal * float(plane.height(middle)))
 
     def apply(self, points: FloatArray) -> FloatArray:
         """(N, 3) upright points."""
-        moved: FloatArray = (points - self.pivot) @ self.rotation.T
-        moved[:, :2] += self.pivot[:2]
-        return moved
+        turned = (points - self.pivot) @ self.rotation.T
+        return np.asarray(turned + np.array([self.pivot[0], self.pivot[1], 0.0]))
 
     def undo(self, points: FloatArray) -> FloatArray:
         """(N, 3) points as they were."""
-        moved: FloatArray = (points - [self.pivot[0], self.pivot[1], 0.0]) @ self.rotation
-        moved += self.pivot
-        return moved
+        flat = points - [self.pivot[0], self.pivot[1], 0.0]
+        return np.asarray(flat @ self.rotation + self.pivot)
 
 
 def _level(normal: FloatArray) -> FloatArray:
@@ -158,12 +313,7 @@ def _level(normal: FloatArray) -> FloatArray:
         return np.diag([1.0, -1.0, -1.0])
     # Rodrigues' formula about the axis normal x vertical.
     axis = np.array([[0.0, 0.0, -x], [0.0, 0.0, -y], [x, y, 0.0]])
-    rotation: FloatArray = np.eye(3) + axis + axis @ axis / (1.0 + z)
-    return rotation
-
-
-#: Points along a lid, at most.
-_MOST_STEPS = 2000
+    return np.asarray(np.eye(3) + axis + axis @ axis / (1.0 + z))
 
 
 def lid(points: FloatArray, level: float, upto: float, spacing: float) -> FloatArray:
@@ -194,6 +344,6 @@ def lid(points: FloatArray, level: float, upto: float, spacing: float) -> FloatA
     grid[:, 0] += 0.5 * step * (np.round((grid[:, 1] - y[0]) / step) % 2)
     try:
         inside = grid[Delaunay(corners).find_simplex(grid) >= 0]
-    except QhullError:  # the foot is a line, which nothing lies over
+    except QhullError:  # the foot is a line: it has no area to close
         return np.empty((0, 3))
     return np.column_stack([inside, np.full(len(inside), level)])

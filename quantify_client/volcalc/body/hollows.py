@@ -1,8 +1,8 @@
-"""Hollows of the outside that would hold water: the inside of a cup.
+"""Hollows that would hold water, such as the inside of a cup.
 
-The outside is a landscape of passages, each as high as its lowest point. Rain that falls into it
-stands, in every place, as high as the lowest way out: the smallest, over all paths to what is
-around, of the highest passage on the path.
+Water in a hollow rises to its spill level: the lowest, over all paths to the space around the
+body, of the highest passage on the path. A passage between two tetrahedra is as high as the lowest
+point of their common face.
 
 Source: the filling of depressions in terrain, Wang and Liu 2006, here in three dimensions.
 """
@@ -12,23 +12,21 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
+from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
 from ...types import FloatArray, IntArray
-from .tetrahedra import Tetrahedra
+from .tetrahedra import Tetrahedra, connected
 
 __all__ = ["water_levels"]
 
-_BoolArray = npt.NDArray[np.bool_]
-
 
 def water_levels(
-    space: Tetrahedra, outside: _BoolArray, least_depth: float, notch: float
+    space: Tetrahedra, outside: npt.NDArray[np.bool_], least_depth: float, notch: float
 ) -> FloatArray:
     """(M + 1,) elevation up to which each tetrahedron outside holds water, -inf where it is dry.
 
-    Noise cuts notches into a rim, and heaps points upon it. Water runs out through the first and
-    stands as high as the second when no notch lets it; the level is the mean of both.
+    Noise cuts notches into a rim and raises other parts of it. The level is the mean of two: that
+    with all passages open, and that with those as narrow as a notch closed.
 
     Parameters
     ----------
@@ -38,50 +36,38 @@ def water_levels(
     """
     between = np.flatnonzero(outside[space.first] & outside[space.second])
     lowest = np.append(space.points[space.corners, 2].min(axis=1), np.inf)
-    level = _levels(space, between)
+    level = _spill_levels(space, between)
     wet = outside & (level > lowest)
-    hollow = _hollows(space, between, wet, level)
+    first, second = space.first[between], space.second[between]
+    same = wet[first] & wet[second] & (level[first] == level[second])
+    pool = connected(first[same], second[same], len(level))
     depth = np.zeros(len(level))
-    np.maximum.at(depth, hollow[wet], level[wet] - lowest[wet])
-    wet &= depth[hollow] >= least_depth
+    np.maximum.at(depth, pool[wet], level[wet] - lowest[wet])
+    wet &= depth[pool] >= least_depth
     if wet.any():
-        # What no wide passage reaches tells nothing.
-        blocked = _levels(space, between[space.width[between] > notch])
+        # Water that no wide passage drains has no second level.
+        blocked = _spill_levels(space, between[space.width[between] > notch])
         blocked[np.isinf(blocked)] = -np.inf
         highest = np.full(len(level), -np.inf)
-        np.maximum.at(highest, hollow[wet], blocked[wet])
-        level = 0.5 * (level + np.maximum(level, highest[hollow]))
+        np.maximum.at(highest, pool[wet], blocked[wet])
+        level = 0.5 * (level + np.maximum(level, highest[pool]))
     return np.where(wet, level, -np.inf)
 
 
-def _hollows(
-    space: Tetrahedra, faces: IntArray, wet: _BoolArray, level: FloatArray
-) -> npt.NDArray[np.int32]:
-    """(M + 1,) number of the water that each tetrahedron is part of; all else has its own."""
-    first, second = space.first[faces], space.second[faces]
-    same = wet[first] & wet[second] & (level[first] == level[second])
-    first, second = first[same], second[same]
-    links = coo_matrix((np.ones(len(first)), (first, second)), shape=(len(level), len(level)))
-    hollow: npt.NDArray[np.int32] = connected_components(links, directed=False)[1]
-    return hollow
+def _spill_levels(space: Tetrahedra, faces: IntArray) -> FloatArray:
+    """(M + 1,) spill level of each tetrahedron; inf where no path leads to the space around.
 
-
-def _levels(space: Tetrahedra, faces: IntArray) -> FloatArray:
-    """(M + 1,) elevation of the lowest way out through some faces."""
+    Parameters
+    ----------
+    faces : (K,) the passages; each is as high as its lowest point.
+    """
+    first, second, around = space.first[faces], space.second[faces], space.around
     height = space.points[space.faces[faces], 2].min(axis=1)
-    return _lowest_way_out(space.first[faces], space.second[faces], height, space.around)
-
-
-def _lowest_way_out(
-    first: IntArray, second: IntArray, height: FloatArray, around: int
-) -> FloatArray:
-    """(M + 1,) highest passage on the lowest way to what is around; inf where there is none."""
     count = around + 1
     # The lowest of several passages between the same two; ranks, so that none has weight 0.
     order = np.argsort(height, kind="stable")
     pairs = first[order] * count + second[order]
-    once = np.sort(np.unique(pairs, return_index=True)[1])
-    order = order[once]
+    order = order[np.sort(np.unique(pairs, return_index=True)[1])]
     rank = np.arange(1.0, len(order) + 1)
     links = coo_matrix((rank, (first[order], second[order])), shape=(count, count)).tocsr()
     tree = minimum_spanning_tree(links)

@@ -1,9 +1,9 @@
-"""The volume of a body by another route: cells flooded from outside.
+"""The volume of a body by an independent method: cells flooded from outside.
 
-Space is cut into cells. What is near a point is the skin; the outside is flooded from the edge,
-and what the flood does not reach is inside. Half of the skin counts. That is too much where the
+Space is cut into cells. Cells near a point are the skin. The outside is flooded from the edge, and
+cells that the flood does not reach are inside. Half of the skin counts. That is too much where the
 surface is curved or has an edge, by the square of the skin's thickness (Steiner): two thicknesses
-tell what none would give. Neither sections nor tetrahedra are involved.
+are extrapolated to none. Neither sections nor tetrahedra are involved.
 """
 
 from __future__ import annotations

@@ -9,17 +9,22 @@ volume however many there are.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Iterator, List, Sequence, Tuple, Union
 
 import numpy as np
+import numpy.typing as npt
 
 from ...types import FloatArray, IntArray
 from .tetrahedra import Tetrahedra
 
-__all__ = ["Surface", "surface_of"]
+__all__ = ["BodySurface", "surface_of"]
+
+#: Triangles whose shares are computed together; those of larger meshes take too much memory.
+_BLOCK = 262_144
 
 
 @dataclass(frozen=True)
-class Surface:
+class BodySurface:
     """The triangles of a closed surface, their corners sorted by height.
 
     Attributes
@@ -41,6 +46,34 @@ class Surface:
     bottom: FloatArray
     top: FloatArray
 
+    @classmethod
+    def of(
+        cls,
+        points: FloatArray,
+        triangles: IntArray,
+        outward: Union[bool, npt.NDArray[np.bool_]] = True,
+        bottom: Union[float, FloatArray] = -np.inf,
+        top: Union[float, FloatArray] = np.inf,
+    ) -> BodySurface:
+        """Return the surface that some triangles form; level ones bound no section.
+
+        Parameters
+        ----------
+        triangles : (T, 3) numbers of points.
+        outward : (T,) bool, the corners turn left seen from outside, not from inside.
+        bottom, top : (T,) the triangle is surface between these elevations only.
+        """
+        order = np.argsort(points[triangles, 2], axis=1, kind="stable")
+        number = np.take_along_axis(triangles, order, axis=1)
+        corners = points[number]
+        # An odd exchange of corners turns them the other way round.
+        even = (order[:, 1] - order[:, 0]) % 3 == 1
+        sign = np.where(even == outward, 1.0, -1.0)
+        bottom = np.maximum(corners[:, 0, 2], bottom)
+        top = np.minimum(corners[:, 2, 2], top)
+        kept = bottom < top
+        return cls(corners[kept], number[kept], sign[kept], bottom[kept], top[kept])
+
     @property
     def lowest(self) -> float:
         """Elevation of the lowest point."""
@@ -52,7 +85,7 @@ class Surface:
         return float(self.top.max())
 
     def volume(self) -> float:
-        """Return what lies within, cubic metres."""
+        """Return the enclosed volume, cubic metres."""
         return float(self.volume_below(np.array([self.highest]))[0])
 
     def area(self) -> float:
@@ -69,27 +102,43 @@ class Surface:
 
     def volume_below(self, levels: FloatArray) -> FloatArray:
         """(L,) cubic metres below each level; levels ascend."""
+        parts = [part._volume_below(levels) for part in self._blocks()]
+        return np.asarray(np.sum(parts, axis=0))
+
+    def _volume_below(self, levels: FloatArray) -> FloatArray:
         every = np.arange(len(self.sign))
         start = self._below(every, self.bottom)
         whole = self._below(every, self.top) - start
         order = np.argsort(self.top, kind="stable")
         done = np.concatenate([[0.0], np.cumsum(whole[order])])
-        volume: FloatArray = done[np.searchsorted(self.top[order], levels, side="right")]
         triangle, level = self._cuts(levels)
         part = self._below(triangle, levels[level]) - start[triangle]
-        volume += np.bincount(level, part, len(levels))
-        return volume
+        whole_below = done[np.searchsorted(self.top[order], levels, side="right")]
+        return np.asarray(whole_below + np.bincount(level, part, len(levels)))
 
     def areas(self, levels: FloatArray) -> FloatArray:
         """(L,) square metres of the section at each level; levels ascend."""
-        triangle, level = self._cuts(levels)
-        here, there = self._chords(triangle, levels[level])
-        shoelace = 0.5 * (here[:, 0] + there[:, 0]) * (there[:, 1] - here[:, 1])
-        areas: FloatArray = np.zeros(len(levels))
-        np.add.at(areas, level, self.sign[triangle] * shoelace)
+        areas = np.zeros(len(levels))
+        for part in self._blocks():
+            triangle, level = part._cuts(levels)
+            here, there = part._chords(triangle, levels[level])
+            shoelace = 0.5 * (here[:, 0] + there[:, 0]) * (there[:, 1] - here[:, 1])
+            np.add.at(areas, level, part.sign[triangle] * shoelace)
         return areas
 
-    def outlines(self, level: float) -> list[FloatArray]:
+    def _blocks(self) -> Iterator[BodySurface]:
+        """Yield some triangles at a time: areas and volumes of all are the sums of theirs."""
+        for start in range(0, max(1, len(self.sign)), _BLOCK):
+            part = slice(start, start + _BLOCK)
+            yield BodySurface(
+                self.corners[part],
+                self.number[part],
+                self.sign[part],
+                self.bottom[part],
+                self.top[part],
+            )
+
+    def outlines(self, level: float) -> List[FloatArray]:
         """Return the closed outlines of a section: (K, 2) each, x and y, the body to the left."""
         triangle = self._cuts(np.array([level]))[0]
         here, there = self._chords(triangle, np.full(len(triangle), level))
@@ -105,16 +154,29 @@ class Surface:
         end = np.where(forward, short_edge, long_edge)
         return _rings(begin, end, np.where(forward[:, None], here, there))
 
-    def _cuts(self, levels: FloatArray) -> tuple[IntArray, IntArray]:
+    def outlines_between(self, edges: FloatArray) -> Tuple[Tuple[FloatArray, ...], ...]:
+        """Return the outlines of the section in the middle of each slice."""
+        middles = 0.5 * (edges[1:] + edges[:-1])
+        return tuple(tuple(self.outlines(level)) for level in middles.tolist())
+
+    def box_sums(self, counts: Sequence[int]) -> Tuple[Tuple[int, float], ...]:
+        """Return numbers of slices, and the volume when each counts as a box of its section."""
+        rows = []
+        for count in counts:
+            some = np.linspace(self.lowest, self.highest, count + 1)
+            boxes = self.areas(0.5 * (some[1:] + some[:-1])) * np.diff(some)
+            rows.append((count, float(boxes.sum())))
+        return tuple(rows)
+
+    def _cuts(self, levels: FloatArray) -> Tuple[IntArray, IntArray]:
         """Return each pair of a triangle and a level that cuts it."""
         low = np.searchsorted(levels, self.bottom, side="left")
         count = np.maximum(np.searchsorted(levels, self.top, side="left") - low, 0)
         triangle = np.repeat(np.arange(len(count)), count)
         before = np.cumsum(count) - count
-        level = np.arange(count.sum()) - before[triangle] + low[triangle]
-        return triangle, level
+        return triangle, np.arange(count.sum()) - before[triangle] + low[triangle]
 
-    def _chords(self, triangle: IntArray, level: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _chords(self, triangle: IntArray, level: FloatArray) -> Tuple[FloatArray, FloatArray]:
         """(C, 2) ends of the chords: on the edge from lowest to highest corner, on another."""
         low, middle, high = (self.corners[triangle, i] for i in range(3))
         upper = (middle[:, 2] <= level)[:, None]
@@ -129,11 +191,10 @@ class Surface:
         first = _wedge(low, middle, high, np.clip(level, low[:, 2], middle[:, 2]) - low[:, 2])
         whole = _wedge(high, middle, low, middle[:, 2] - high[:, 2])
         second = _wedge(high, middle, low, np.clip(level, middle[:, 2], high[:, 2]) - high[:, 2])
-        integral: FloatArray = self.sign[triangle] * (first + second - whole)
-        return integral
+        return self.sign[triangle] * (first + second - whole)
 
 
-def surface_of(space: Tetrahedra, ceiling: FloatArray) -> Surface:
+def surface_of(space: Tetrahedra, ceiling: FloatArray) -> BodySurface:
     """Return the surface of what lies in tetrahedra below their ceilings.
 
     Parameters
@@ -144,28 +205,16 @@ def surface_of(space: Tetrahedra, ceiling: FloatArray) -> Surface:
     one, other = ceiling[space.first], ceiling[space.second]
     face = np.flatnonzero(one != other)
     one, other = one[face], other[face]
-    points = space.faces[face]
-    z = space.points[points, 2]
-    order = np.argsort(z, axis=1, kind="stable")
-    number = np.take_along_axis(points, order, axis=1)
-    corners = space.points[number]
-    # Seen from the second tetrahedron the corners turn to the left; an odd exchange turns them
-    # back.
-    odd = np.linalg.det(np.eye(3)[order]) < 0.0
-    outward = one > other
-    sign = np.where(odd == outward, -1.0, 1.0)
-    bottom = np.maximum(corners[:, 0, 2], np.minimum(one, other))
-    top = np.minimum(corners[:, 2, 2], np.maximum(one, other))
-    kept = bottom < top
-    return Surface(corners[kept], number[kept], sign[kept], bottom[kept], top[kept])
+    # The corners of a face turn left seen from its second tetrahedron.
+    low, high = np.minimum(one, other), np.maximum(one, other)
+    return BodySurface.of(space.points, space.faces[face], one > other, low, high)
 
 
 def _between(low: FloatArray, high: FloatArray, level: FloatArray) -> FloatArray:
     """(C, 2) where edges cross levels."""
     height = high[:, 2] - low[:, 2]
     share = np.divide(level - low[:, 2], height, out=np.zeros_like(height), where=height > 0.0)
-    crossing: FloatArray = low[:, :2] + share[:, None] * (high[:, :2] - low[:, :2])
-    return crossing
+    return low[:, :2] + share[:, None] * (high[:, :2] - low[:, :2])
 
 
 def _wedge(tip: FloatArray, middle: FloatArray, end: FloatArray, height: FloatArray) -> FloatArray:
@@ -184,16 +233,16 @@ def _wedge(tip: FloatArray, middle: FloatArray, end: FloatArray, height: FloatAr
     return np.where(flat, 0.0, integral)
 
 
-def _rings(begin: IntArray, end: IntArray, start: FloatArray) -> list[FloatArray]:
+def _rings(begin: IntArray, end: IntArray, start: FloatArray) -> List[FloatArray]:
     """Return closed ways along chords: each goes on where one begins that the last one ended."""
     # Where bodies touch, several chords begin on one edge, and as many end there.
     following = np.empty_like(begin)
     following[np.argsort(end, kind="stable")] = np.argsort(begin, kind="stable")
-    used, rings = [False] * len(begin), []
+    unused, rings = set(range(len(begin))), []
     for chord in range(len(begin)):
         ring = []
-        while not used[chord]:
-            used[chord] = True
+        while chord in unused:
+            unused.remove(chord)
             ring.append(chord)
             chord = int(following[chord])
         if len(ring) >= 3:

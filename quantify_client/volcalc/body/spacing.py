@@ -1,15 +1,22 @@
-"""How far apart the points of a surface are."""
+"""How far apart the points of a surface are, and which of them are outliers."""
 
 from __future__ import annotations
 
+import numpy as np
+import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from ...types import FloatArray
 
-__all__ = ["spacings"]
+__all__ = ["is_outlier", "spacings"]
 
 #: Far enough that two points by chance together do not matter, near enough to be local.
 _NEIGHBOUR = 6
+
+#: The sixth neighbour of an outlier is this many times farther than that of nine points in ten. A
+#: cloud ten times denser at one end than at the other stays below 2, the tails of noise below 3.
+_FAR = 3.0
+_MOST = 0.9
 
 
 def spacings(points: FloatArray) -> FloatArray:
@@ -22,3 +29,16 @@ def spacings(points: FloatArray) -> FloatArray:
     nth = min(_NEIGHBOUR + 1, len(points))
     away: FloatArray = cKDTree(points).query(points, [nth])[0][:, 0]
     return away
+
+
+def is_outlier(points: FloatArray) -> npt.NDArray[np.bool_]:
+    """(N,) True for points so far from all others that they lie on no surface.
+
+    Parameters
+    ----------
+    points : (N, 3) float64, metres; repeated points count once each.
+    """
+    if len(points) <= _NEIGHBOUR:
+        return np.zeros(len(points), dtype=bool)
+    away = spacings(points)
+    return away > _FAR * np.quantile(away, _MOST)

@@ -5,17 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay
 
 from ...errors import InputError
 from ...types import FloatArray, IntArray
 from .spacing import spacings
 
-__all__ = ["Tetrahedra", "tetrahedralize"]
+__all__ = ["Tetrahedra", "connected", "face_normals", "tetrahedralize"]
 
 #: Points are moved by up to this share of their spacing. Points exactly on one plane, sphere or
-#: tube have no unique triangulation, and finding one takes many times longer; volumes do not see
-#: it.
+#: tube have no unique triangulation, and finding one takes many times longer; the volume
+#: hardly changes.
 _JOGGLE = 0.01
 
 _FEWEST = 5  # points; four span one tetrahedron, which has no inside to find
@@ -61,13 +63,20 @@ class Tetrahedra:
 
     @property
     def around(self) -> int:
-        """The number of what is around the convex hull."""
+        """The number that stands for the space around the convex hull."""
         return len(self.corners)
 
     def face_areas(self, which: IntArray) -> FloatArray:
         """Return the (K,) areas of some faces, square metres."""
-        areas: FloatArray = 0.5 * np.linalg.norm(_normals(self.points, self.faces[which]), axis=1)
-        return areas
+        normals = face_normals(self.points, self.faces[which])
+        return np.asarray(0.5 * np.linalg.norm(normals, axis=1))
+
+    def widest(self) -> FloatArray:
+        """(M + 1,) width of the widest face of each tetrahedron, metres."""
+        widest = np.zeros(len(self.volume))
+        np.maximum.at(widest, self.first, self.width)
+        np.maximum.at(widest, self.second, self.width)
+        return widest
 
 
 def tetrahedralize(points: FloatArray) -> Tetrahedra:
@@ -88,12 +97,14 @@ def tetrahedralize(points: FloatArray) -> Tetrahedra:
     points = points + rng.uniform(-_JOGGLE, _JOGGLE, points.shape) * spacing[:, None]
     delaunay = Delaunay(points)
     corners = delaunay.simplices.astype(np.int64)
+    a, b, c, d = (points[corners[:, i]] for i in range(4))
+    volume = np.abs(np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a))) / 6.0
     first, second, faces, areas = _faces(points, corners, delaunay.neighbors.astype(np.int64))
     return Tetrahedra(
         points=points,
         spacing=spacing,
         corners=corners,
-        volume=np.append(_volumes(points, corners), 0.0),
+        volume=np.append(volume, 0.0),
         first=first,
         second=second,
         faces=faces,
@@ -123,26 +134,28 @@ def _faces(
     once = np.flatnonzero(first < second)
     first, second, opposite = first[once], second[once], once % 4
     faces = corners[first[:, None], _FACES[opposite]]
-    normals = _normals(points, faces)
+    normals = face_normals(points, faces)
     inside = points[corners[first, opposite]] - points[faces[:, 0]]
     turned = np.einsum("ij,ij->i", normals, inside) > 0.0
     faces[turned] = faces[turned, ::-1]
     return first, second, faces, 0.5 * np.linalg.norm(normals, axis=1)
 
 
-def _normals(points: FloatArray, faces: IntArray) -> FloatArray:
+def face_normals(points: FloatArray, faces: IntArray) -> FloatArray:
     """(F, 3) normals of triangles, twice as long as their areas."""
     a, b, c = (points[faces[:, i]] for i in range(3))
-    normals: FloatArray = np.cross(b - a, c - a)
-    return normals
+    return np.asarray(np.cross(b - a, c - a))
 
 
-def _volumes(points: FloatArray, corners: IntArray) -> FloatArray:
-    """(M,) volumes of the tetrahedra."""
-    a, b, c, d = (points[corners[:, i]] for i in range(4))
-    b, c, d = b - a, c - a, d - a
-    volumes: FloatArray = np.abs(np.einsum("ij,ij->i", b, np.cross(c, d))) / 6.0
-    return volumes
+def connected(first: IntArray, second: IntArray, count: int) -> IntArray:
+    """(count,) number of the connected component of each of ``count`` nodes.
+
+    Parameters
+    ----------
+    first, second : (K,) the two nodes of each link.
+    """
+    links = coo_matrix((np.ones(len(first)), (first, second)), (count, count))
+    return np.asarray(connected_components(links, directed=False)[1], np.int64)
 
 
 def _widths(points: FloatArray, faces: IntArray, areas: FloatArray) -> FloatArray:
@@ -151,5 +164,4 @@ def _widths(points: FloatArray, faces: IntArray, areas: FloatArray) -> FloatArra
     sides = np.sort([np.linalg.norm(d, axis=1) for d in (b - a, c - b, a - c)], axis=0)
     around = np.prod(sides, axis=0) / np.maximum(2.0 * areas, np.finfo(float).tiny)
     obtuse = sides[2] ** 2 >= sides[0] ** 2 + sides[1] ** 2
-    widths: FloatArray = np.where(obtuse, sides[2], around)
-    return widths
+    return np.asarray(np.where(obtuse, sides[2], around))

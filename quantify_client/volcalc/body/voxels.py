@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Tuple
 
 import numpy as np
 
 from ...types import FloatArray, IntArray
 
-__all__ = ["Thinned", "VoxelAccumulator", "thin"]
+__all__ = ["MOST_POINTS", "Thinned", "VoxelAccumulator", "thin"]
 
 _KEY_BITS = 20  # of a cube's number along one axis, at first
 _FINER_BITS = 10  # of a point's place within such a cube
@@ -41,59 +42,27 @@ class Thinned:
     edge: float
 
 
-@dataclass(frozen=True)
-class _Cubes:
-    """Ascending numbers of cubes; for the points in each the count and sums of coordinates."""
+def _merged(cubes: IntArray) -> IntArray:
+    """(M, 5) cubes, each once and ascending, with the counts and sums of equal ones added.
 
-    number: IntArray
-    counts: IntArray
-    sums: IntArray
-
-    @classmethod
-    def empty(cls) -> _Cubes:
-        none = np.empty(0, dtype=np.int64)
-        return cls(none, none, np.empty((0, 3), dtype=np.int64))
-
-    @classmethod
-    def of(cls, number: IntArray, counts: IntArray, sums: IntArray) -> _Cubes:
-        """Return one element for each number."""
-        if not len(number):
-            return cls.empty()
-        order = np.argsort(number, kind="stable")
-        number = number[order]
-        start = np.flatnonzero(np.diff(number, prepend=number[0] - 1))
-        return cls(
-            number[start],
-            np.add.reduceat(counts[order], start),
-            np.add.reduceat(sums[order], start, axis=0),
-        )
-
-    def joined(self, other: _Cubes) -> _Cubes:
-        return _Cubes.of(
-            np.concatenate([self.number, other.number]),
-            np.concatenate([self.counts, other.counts]),
-            np.concatenate([self.sums, other.sums]),
-        )
-
-    def coarser(self, levels: int) -> _Cubes:
-        """Return cubes of twice the size, `levels` times over."""
-        if not levels:
-            return self
-        mask = (1 << _KEY_BITS) - 1
-        number = np.zeros_like(self.number)
-        for axis in range(3):
-            shift = axis * _KEY_BITS
-            number |= (((self.number >> shift) & mask) >> levels) << shift
-        return _Cubes.of(number, self.counts, self.sums)
+    Parameters
+    ----------
+    cubes : (N, 5) int64: number of the cube, count of its points, sums of their x, y and z.
+    """
+    cubes = cubes[np.argsort(cubes[:, 0], kind="stable")]
+    start = np.flatnonzero(np.diff(cubes[:, 0], prepend=-1))
+    sums = np.add.reduceat(cubes, start, axis=0)
+    sums[:, 0] = cubes[start, 0]
+    return sums
 
 
-@dataclass(frozen=True)
-class Reduced:
-    """A chunk's share: cubes at some level, and how many points were seen."""
-
-    cubes: _Cubes
-    level: int
-    seen: int
+def _coarser(cubes: IntArray, levels: int) -> IntArray:
+    """(M, 5) cubes of twice the size, ``levels`` times over."""
+    mask = (1 << _KEY_BITS) - 1
+    number = np.zeros(len(cubes), dtype=np.int64)
+    for shift in (0, _KEY_BITS, 2 * _KEY_BITS):
+        number |= (((cubes[:, 0] >> shift) & mask) >> levels) << shift
+    return _merged(np.column_stack([number, cubes[:, 1:]])) if levels else cubes
 
 
 class VoxelAccumulator:
@@ -117,11 +86,16 @@ class VoxelAccumulator:
         self._low: FloatArray = np.floor(low / step - 0.5) * step
         self._fine = _END / self.size
         self._level = 0
-        self._cubes = _Cubes.empty()
+        self._cubes: IntArray = np.empty((0, 5), dtype=np.int64)
         self.seen = 0
 
-    def reduce(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Reduced:
-        """Return the share of some points, in metres of the measuring frame."""
+    def reduce(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Tuple[IntArray, int, int]:
+        """Return the share of some points, in metres of the measuring frame.
+
+        Returns
+        -------
+        cubes; how many times their size was doubled; the number of points seen.
+        """
         level = self._level
         fine = [np.floor((values - low) * self._fine) for values, low in zip((x, y, z), self._low)]
         inside = np.logical_and.reduce([(axis >= 0) & (axis < _END) for axis in fine])
@@ -129,14 +103,16 @@ class VoxelAccumulator:
         number = np.zeros(len(sums), dtype=np.int64)
         for axis in range(3):
             number |= (sums[:, axis] >> (_FINER_BITS + level)) << (axis * _KEY_BITS)
-        return Reduced(_Cubes.of(number, np.ones_like(number), sums), level, len(x))
+        cubes = np.column_stack([number, np.ones_like(number), sums])
+        return _merged(cubes), level, len(x)
 
-    def absorb(self, reduced: Reduced) -> None:
+    def absorb(self, reduced: Tuple[IntArray, int, int]) -> None:
         """Add a chunk's share."""
-        self.seen += reduced.seen
-        self._cubes = self._cubes.joined(reduced.cubes.coarser(self._level - reduced.level))
-        while len(self._cubes.number) > _MOST_STREAMING:
-            self._cubes = self._cubes.coarser(1)
+        cubes, level, seen = reduced
+        self.seen += seen
+        self._cubes = _merged(np.vstack([self._cubes, _coarser(cubes, self._level - level)]))
+        while len(self._cubes) > _MOST_STREAMING:
+            self._cubes = _coarser(self._cubes, 1)
             self._level += 1
 
     @property
@@ -147,17 +123,18 @@ class VoxelAccumulator:
     @property
     def placed(self) -> int:
         """Points that lie in the box."""
-        return int(self._cubes.counts.sum())
+        return int(self._cubes[:, 1].sum())
 
     def thinned(self, most: int = MOST_POINTS) -> Thinned:
-        """Return centroids, in an order that depends on nothing but the points: by z, y and x."""
-        held = self._cubes.counts[:, None]
-        # Whole steps, as the points' own places are: what the corner is leaves no trace.
-        steps = (2 * self._cubes.sums + held) // (2 * held)
+        """Return centroids in an order that depends on the points only: by z, y and x."""
+        counts, sums = self._cubes[:, 1], self._cubes[:, 2:]
+        held = counts[:, None]
+        # Rounded to whole steps, as the points were, so that the corner does not matter.
+        steps = (2 * sums + held) // (2 * held)
         order = np.lexsort(steps.T)
         middles = (steps[order] + 0.5) / self._fine + self._low
         edge = self.grain if self._level else 0.0
-        return thin(Thinned(middles, self._cubes.counts[order], edge), most)
+        return thin(Thinned(middles, counts[order], edge), most)
 
 
 def thin(fine: Thinned, most: int) -> Thinned:

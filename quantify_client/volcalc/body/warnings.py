@@ -1,21 +1,23 @@
-"""What the user should know of a body's measurement: one line each."""
+"""The warnings of a body's measurement."""
 
 from __future__ import annotations
 
 from typing import Callable, Iterator, Sequence
 
-from ...types import Gap
+from ...types import Gap, Notice
+from ..slices import BodyRecipe
 from .enclose import Enclosed
-from .standing import Standing
+from .floor import Standing
 from .voxels import Thinned
 
-__all__ = ["open_surface", "words"]
+__all__ = ["body_warnings", "why_open"]
 
-#: Shares of the volume, or of the points, that are worth a word.
+#: Shares of the volume, or of the points, from which on a warning is given.
 _HIDDEN = 0.02
-_STRAYS = 0.03
+_OUTLIERS = 0.03
 _THIN = 0.03
 _LOST = 0.25
+_HOLLOW = 0.002
 
 _GAP_ADVICE = "; --max-gap sets how wide an opening may be closed"
 _FLOOR_ADVICE = "; --floor none measures all points"
@@ -23,35 +25,32 @@ _FLOOR_ADVICE = "; --floor none measures all points"
 _Place = Callable[[Gap], str]
 
 
-def words(
+def body_warnings(
     cloud: Thinned,
     standing: Standing,
     body: Enclosed,
     hidden: float,
     volume: float,
     place: _Place,
-    *,
-    floor_asked: bool,
-    gap_asked: bool,
-) -> tuple[str, ...]:
-    """Return what to warn of, the gravest first.
+    recipe: BodyRecipe,
+) -> Iterator[Notice]:
+    """Yield what to warn of, the gravest first.
 
     Parameters
     ----------
-    floor_asked, gap_asked : the user said what the floor is, and how wide a gap may be closed:
-        nothing advises that then.
+    hidden, volume : below the lowest section, and of the whole body, cubic metres.
+    place : says where an opening is.
+    recipe : what the user said already is not advised.
     """
-    return (
-        *_leaks(body, place),
-        *_gaps(body, place, "" if gap_asked else _GAP_ADVICE),
-        *_floor(standing, hidden, volume, "" if floor_asked else _FLOOR_ADVICE),
-        *_walls(body),
-        *_hollows(body, volume),
-        *_points(cloud, standing),
-    )
+    yield from _openings(body, place, "" if recipe.max_gap is not None else _GAP_ADVICE)
+    yield from _floor(standing, hidden, volume, "" if recipe.floor != "auto" else _FLOOR_ADVICE)
+    yield from _walls(body)
+    if not recipe.hollow:
+        yield from _hollows(body, volume)
+    yield from _points(cloud, standing)
 
 
-def open_surface(leaks: Sequence[Gap], place: _Place) -> str:
+def why_open(leaks: Sequence[Gap], place: _Place) -> str:
     """Return why points enclose nothing, and what to do."""
     if leaks:
         widest = leaks[0]
@@ -67,79 +66,110 @@ def open_surface(leaks: Sequence[Gap], place: _Place) -> str:
     )
 
 
-def _leaks(body: Enclosed, place: _Place) -> Iterator[str]:
+def _openings(body: Enclosed, place: _Place, advice: str) -> Iterator[Notice]:
     for leak in body.leaks[:3]:
-        yield (
+        yield Notice(
+            "surface-open",
             f"the surface is open at {place(leak)}, {leak.width:.3g} m wide: what lies behind is "
-            f"not counted; give --max-gap {1.01 * leak.width:.3g} to close it"
+            f"not counted; give --max-gap {1.01 * leak.width:.3g} to close it",
+            width_m=leak.width,
         )
-
-
-def _gaps(body: Enclosed, place: _Place, advice: str) -> Iterator[str]:
     if body.gaps:
         widest, number = body.gaps[0], len(body.gaps)
         count = "1 opening in the surface was" if number == 1 else f"{number} openings were"
-        yield (f"{count} closed, the widest {widest.width:.3g} m wide at {place(widest)}{advice}")
+        yield Notice(
+            "openings-closed",
+            f"{count} closed, the widest {widest.width:.3g} m wide at {place(widest)}{advice}",
+            count=number,
+            width_m=widest.width,
+        )
 
 
-def _floor(standing: Standing, hidden: float, volume: float, advice: str) -> Iterator[str]:
+def _floor(standing: Standing, hidden: float, volume: float, advice: str) -> Iterator[Notice]:
     floor = standing.floor
     if floor is None:
         return
     if floor.found == "lowest points":
-        yield (
-            "the body is open below and no ground is in the cloud: it was closed flat at its "
-            "lowest points; --floor Z sets another elevation"
+        yield Notice(
+            "floor-at-lowest-points",
+            "the body is open below and the cloud holds no ground: the body was closed flat at its "
+            "lowest points; --floor Z sets another elevation",
+            elevation_m=floor.elevation,
         )
     elif floor.found == "in the cloud":
-        yield (
+        yield Notice(
+            "floor-found",
             f"{floor.points:,} points lie on a floor at {floor.elevation:.3f} m, tilted by "
             f"{floor.tilt_degrees:.1f} degrees: they were left out and the body stands upright on "
-            f"it{advice}"
+            f"it{advice}",
+            points=floor.points,
+            elevation_m=floor.elevation,
+            tilt_degrees=floor.tilt_degrees,
         )
     if hidden > _HIDDEN * volume:
-        yield (
-            f"the lowest {standing.unsure:.3g} m above the floor were not seen: half of what is "
-            f"upright below the lowest section, {hidden:.4g} m3, was added; photograph from lower "
-            "down"
+        yield Notice(
+            "foot-not-seen",
+            f"the lowest {standing.unsure:.3g} m above the floor were not seen: half of what would "
+            f"stand upright below the lowest section, {hidden:.4g} m3, was added; photograph from "
+            "lower down",
+            height_m=standing.unsure,
+            volume_m3=hidden,
         )
 
 
-def _walls(body: Enclosed) -> Iterator[str]:
-    if body.thin_walled:
-        yield (
-            f"the walls are thinner than 3 point spacings ({body.spacing:.2g} m): their two sides "
-            "cannot be told apart and the volume may be off by several percent; take more points"
-        )
-        return
+def _walls(body: Enclosed) -> Iterator[Notice]:
     # Noise makes the skin thick on both sides, thin walls on the inner side only.
     thin = max(0.0, body.inner - body.outer) / body.within
-    if thin > _THIN or body.narrow > _LOST:
-        yield (
-            f"{100 * max(thin, body.narrow):.0f} % of the body are thinner than 3 point spacings "
-            f"({body.spacing:.2g} m) or lost in noise; take more points"
+    share = max(thin, body.narrow)
+    if body.thin_walled:
+        yield Notice(
+            "walls-too-thin",
+            f"the walls are thinner than 3 point spacings ({body.spacing:.2g} m): their two sides "
+            "cannot be told apart and the volume may be off by several percent; take more points",
+            spacing_m=body.spacing,
+        )
+    elif thin > _THIN or body.narrow > _LOST:
+        yield Notice(
+            "parts-too-thin",
+            f"{100 * share:.0f} % of the body are thinner than 3 point spacings "
+            f"({body.spacing:.2g} m) or lost in noise; take more points",
+            share=share,
+            spacing_m=body.spacing,
         )
 
 
-def _hollows(body: Enclosed, volume: float) -> Iterator[str]:
-    if body.water > 0.002 * volume and not body.hollow:
-        yield (
+def _hollows(body: Enclosed, volume: float) -> Iterator[Notice]:
+    if body.water > _HOLLOW * volume:
+        yield Notice(
+            "hollow-counts-as-solid",
             f"a hollow that would hold {body.water:.4g} m3 of water counts as solid; --hollow "
-            "leaves it out"
+            "leaves it out",
+            volume_m3=body.water,
         )
-    if body.voids > 0.002 * volume and not body.hollow:
-        yield (
-            f"{body.voids:.4g} m3 are enclosed voids; they count as solid unless --hollow is given"
+    if body.voids > _HOLLOW * volume:
+        yield Notice(
+            "voids-count-as-solid",
+            f"{body.voids:.4g} m3 are enclosed voids; they count as solid unless --hollow is given",
+            volume_m3=body.voids,
         )
 
 
-def _points(cloud: Thinned, standing: Standing) -> Iterator[str]:
+def _points(cloud: Thinned, standing: Standing) -> Iterator[Notice]:
     total = int(cloud.counts.sum())
     if cloud.edge > 0.0:
-        yield (
+        yield Notice(
+            "points-thinned",
             f"{total:,} points were thinned to {len(cloud.points):,}, one for each cube of "
-            f"{cloud.edge:.2g} m"
+            f"{cloud.edge:.2g} m",
+            points=total,
+            kept=len(cloud.points),
+            edge_m=cloud.edge,
         )
-    if standing.stray_count > _STRAYS * total:
-        share = 100.0 * standing.stray_count / total
-        yield f"{share:.0f} % of the points are strays far from the surface and were left out"
+    share = standing.outlier_count / total
+    if share > _OUTLIERS:
+        yield Notice(
+            "outliers-left-out",
+            f"{100.0 * share:.0f} % of the points are outliers far from the surface and were left "
+            "out",
+            share=share,
+        )

@@ -1,4 +1,4 @@
-"""Whether a mesh encloses a volume that its faces alone tell, and why not.
+"""Whether a mesh encloses a volume that its faces alone determine, and why not.
 
 Judged is the mesh with its corners moved to a grid of 2^30 steps across its extent (a tenth of a
 micrometre for 100 m). On that grid everything is exact: corners in the same place are one, faces
@@ -8,25 +8,23 @@ differ from the judged ones by less than its area times one step.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Optional, Tuple, Union
+from typing import Any, Optional, Tuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from ...types import FloatArray, IntArray
-from .box_tree import BoxTree, overlaps
-from .intersections import BITS, meeting, normals
+from ..body.tetrahedra import connected
+from .intersections import BITS, BoxTree, meeting, normals, overlaps
 
-__all__ = ["MOST_FACES", "Closed", "Unfit", "closed"]
+__all__ = ["MOST_FACES", "NotClosedError", "closed"]
 
 #: Of one mesh: the search for faces that meet takes about 15 s and 0.5 GB for each million.
 MOST_FACES = 5_000_000
 
-#: Where a face is asked which side of it is inside, and in which direction: numbers without a
-#: simple relation, so that nothing built by a plan lines up with them; others where one does.
+#: From a point of a face (weights of its corners) a line goes out in a leaning direction to find
+#: which side is inside. The numbers have no simple relation, so that regular meshes do not line up
+#: with them; where one does, others are tried.
 _TRIES = 8
 _WEIGHTS = (1.0, 2.0**0.5, 3.0**0.5)
 _LEAN = (0.0137 * 2.0**0.5, 0.0171 * 3.0**0.5)
@@ -35,9 +33,8 @@ _LEAN = (0.0137 * 2.0**0.5, 0.0171 * 3.0**0.5)
 _CERTAIN = 4.0 * float(np.finfo(np.float64).eps)
 
 
-@dataclass(frozen=True)
-class Unfit:
-    """A mesh that encloses no volume by its faces alone.
+class NotClosedError(Exception):
+    """A mesh encloses no volume that its faces alone determine.
 
     Attributes
     ----------
@@ -45,54 +42,44 @@ class Unfit:
     face : of the triangles that were given, one of those at fault; None where there is none.
     """
 
-    reason: str
-    face: Optional[int] = None
+    def __init__(self, reason: str, face: Optional[int] = None) -> None:
+        super().__init__(reason)
+        self.reason = reason
+        self.face = face
 
 
-@dataclass(frozen=True)
-class Closed:
-    """Which triangles count, so oriented that their normals point out of the body.
-
-    Attributes
-    ----------
-    triangles : (T, 3) int64, numbers of points.
-    inverted : all of them pointed inwards in the file.
-    """
-
-    triangles: IntArray
-    inverted: bool
-
-
-def closed(points: FloatArray, triangles: IntArray) -> Union[Closed, Unfit]:
-    """Judge a mesh.
+def closed(points: FloatArray, triangles: IntArray) -> Tuple[IntArray, bool]:
+    """Return the triangles that count, and whether all of them pointed inwards.
 
     Parameters
     ----------
     points : (V, 3) float64, near the origin.
     triangles : (T, 3) numbers of points; the corners of a face turn left seen from outside.
+
+    Returns
+    -------
+    (K, 3) numbers of points, so oriented that the normals point out of the body; bool.
+
+    Raises
+    ------
+    NotClosedError
+        The faces do not close the surface, meet where they should not, or contradict each other.
     """
     grid, number = _on_grid(points, triangles)
-    left = _without_nothing(number)
-    if isinstance(left, Unfit):
-        return left
+    left = _counted_faces(number)
     number = number[left]
-    edges = _Edges(number)
-    fault = edges.fault()
-    if fault is not None:
-        return fault
+    patch = _patches(number, left)
     normal = normals(grid, number)
     flat = ~normal.any(axis=1)
     if flat.any():
-        return Unfit(f"{_faces(flat.sum())} no area", int(left[np.argmax(flat)]))
+        raise NotClosedError(f"{_faces(flat.sum())} no area", int(left[np.argmax(flat)]))
     bad = meeting(grid, number, normal)
     if bad is not None:
         which = "cross or touch faces that are not their neighbours"
-        return Unfit(f"at least {len(bad):,} faces {which}", int(left[bad[0]]))
-    found = _winding(grid.astype(np.float64), number, edges.patches())
-    if isinstance(found, Unfit):
-        return found
+        raise NotClosedError(f"at least {len(bad):,} faces {which}", int(left[bad[0]]))
+    inverted = _inverted(grid.astype(np.float64), number, patch)
     counted = triangles[left]
-    return Closed(counted[:, ::-1] if found else counted, found)
+    return (counted[:, ::-1] if inverted else counted), inverted
 
 
 def _on_grid(points: FloatArray, triangles: IntArray) -> Tuple[IntArray, IntArray]:
@@ -102,122 +89,114 @@ def _on_grid(points: FloatArray, triangles: IntArray) -> Tuple[IntArray, IntArra
     low = here.min(axis=0)
     extent = max(float((here.max(axis=0) - low).max()), np.finfo(np.float64).tiny)
     steps = np.rint((here - low) / extent * 2.0**BITS).astype(np.int64)
-    order = np.lexsort(steps.T)
-    steps = steps[order]
-    new = np.concatenate([[True], (steps[1:] != steps[:-1]).any(axis=1)])
-    place = np.empty(len(order), dtype=np.int64)
-    place[order] = np.cumsum(new) - 1
-    return steps[new], place[number.reshape(triangles.shape)]
+    first, place = _distinct(steps)
+    return steps[first], place[number.reshape(triangles.shape)]
 
 
-def _without_nothing(number: IntArray) -> Union[IntArray, Unfit]:
-    """(K,) the triangles that count: neither lines nor both sides of a wall within the body."""
+def _distinct(rows: IntArray) -> Tuple[IntArray, IntArray]:
+    """Return (D,) a row of each kind, and (N,) the number of each row's kind."""
+    order = np.lexsort(rows.T)
+    new = np.append(True, (rows[order[1:]] != rows[order[:-1]]).any(axis=1))
+    kind = np.empty(len(order), dtype=np.int64)
+    kind[order] = np.cumsum(new) - 1
+    return order[new], kind
+
+
+def _counted_faces(number: IntArray) -> IntArray:
+    """(K,) the triangles that count: no degenerate ones, and no two back to back in one place."""
     a, b, c = number.T
     kept = np.flatnonzero((a != b) & (b != c) & (c != a))
     if not len(kept):
-        return Unfit("none of its faces has an area")
-    corners = np.sort(number[kept], axis=1)
-    order = np.lexsort(corners.T)
-    same = (corners[order][1:] == corners[order][:-1]).all(axis=1)
-    group = np.empty(len(kept), dtype=np.int64)
-    group[order] = np.concatenate([[0], np.cumsum(~same)])
-    lowest = np.argmin(number[kept], axis=1)
-    rolled = np.take_along_axis(number[kept], (lowest[:, None] + np.arange(3)) % 3, axis=1)
-    way = np.where(rolled[:, 1] < rolled[:, 2], 1, -1)
+        raise NotClosedError("none of its faces has an area")
+    group = _distinct(np.sort(number[kept], axis=1))[1]
+    order = np.argsort(number[kept], axis=1)
+    way = np.where((order[:, 1] - order[:, 0]) % 3 == 1, 1, -1)
     total = np.bincount(group, weights=way).astype(np.int64)
     twice = np.abs(total) > 1
     if twice.any():
         face = int(kept[np.argmax(twice[group])])
-        return Unfit(f"{_faces(twice.sum())} the same corners as another", face)
+        raise NotClosedError(f"{_faces(twice.sum())} the same corners as another", face)
     left = np.flatnonzero(way == total[group])
     # Of three in one place two cancel: one of each kind that remains is enough.
-    _, first = np.unique(group[left], return_index=True)
+    first = np.unique(group[left], return_index=True)[1]
     if not len(first):
-        return Unfit("its faces lie in pairs back to back")
+        raise NotClosedError("its faces lie in pairs back to back")
     return kept[np.sort(left[first])]
 
 
-class _Edges:
-    """The edges of triangles, each with how many faces go along it, and how many the other way."""
+def _patches(number: IntArray, left: IntArray) -> IntArray:
+    """(T,) the number of the patch of each face: faces joined by edges of just two.
 
-    def __init__(self, number: IntArray) -> None:
-        start, end = number.ravel(), np.roll(number, -1, axis=1).ravel()
-        self._faces = len(number)
-        key = np.minimum(start, end) * (int(number.max()) + 1) + np.maximum(start, end)
-        order = np.argsort(key, kind="stable")
-        self._face = order // 3
-        first = np.flatnonzero(np.concatenate([[True], key[order][1:] != key[order][:-1]]))
-        self._first = first
-        self._count = np.diff(np.append(first, len(order)))
-        self._sum = np.add.reduceat(np.where(start < end, 1, -1)[order], first)
-
-    def fault(self) -> Optional[Unfit]:
-        """Return what leaves the surface open, or turns it over; None where nothing does."""
-        open_, uneven = self._count == 1, self._sum != 0
-        for bad, lead, plural in (
-            (open_, "it is open: ", "to one face only"),
-            (uneven & (self._count == 2), "", "to two faces that are oriented differently"),
-            (uneven, "", "to more than two faces, not as many of either orientation"),
-        ):
-            if bad.any():
-                edges = f"{lead}{bad.sum():,} edge{'s belong' if bad.sum() > 1 else ' belongs'}"
-                return Unfit(f"{edges} {plural}", int(self._face[self._first[np.argmax(bad)]]))
-        return None
-
-    def patches(self) -> IntArray:
-        """(T,) the number of the patch of each face: faces joined by edges of just two."""
-        plain = self._first[self._count == 2]
-        one, two = self._face[plain], self._face[plain + 1]
-        shape = (self._faces, self._faces)
-        joined = coo_matrix((np.ones(len(one), dtype=np.int8), (one, two)), shape=shape)
-        patches: IntArray = connected_components(joined, directed=False)[1].astype(np.int64)
-        return patches
+    Raises
+    ------
+    NotClosedError
+        An edge belongs to one face only, or to faces whose orientations do not cancel.
+    """
+    start, end = number.ravel(), np.roll(number, -1, axis=1).ravel()
+    key = np.minimum(start, end) * (int(number.max()) + 1) + np.maximum(start, end)
+    order = np.argsort(key, kind="stable")
+    face = order // 3
+    first = np.flatnonzero(np.diff(key[order], prepend=-1))
+    count = np.diff(np.append(first, len(order)))
+    uneven = np.add.reduceat(np.where(start < end, 1, -1)[order], first) != 0
+    for bad, lead, plural in (
+        (count == 1, "it is open: ", "to one face only"),
+        (uneven & (count == 2), "", "to two faces that are oriented differently"),
+        (uneven, "", "to more than two faces, not as many of either orientation"),
+    ):
+        if bad.any():
+            edges = f"{lead}{bad.sum():,} edge{'s belong' if bad.sum() > 1 else ' belongs'}"
+            raise NotClosedError(f"{edges} {plural}", int(left[face[first[np.argmax(bad)]]]))
+    plain = first[count == 2]
+    return connected(face[plain], face[plain + 1], len(number))
 
 
-def _winding(points: FloatArray, number: IntArray, patch: IntArray) -> Union[bool, Unfit]:
-    """Say whether all faces point inwards; `Unfit` where some do and others do not.
+def _inverted(points: FloatArray, number: IntArray, patch: IntArray) -> bool:
+    """Return whether all faces point inwards.
 
     Faces do not meet, so how often they wind round a place can change at them only, and is the same
     all along one side of a patch: one face of each is asked. Everywhere it must be 0 or 1 (or 0 or
     -1, where all faces point inwards): then the sum over faces is the volume within.
+
+    Raises
+    ------
+    NotClosedError
+        Some faces point inwards and others do not, or no direction decides.
     """
     inner = _inner_sides(points, number, patch)
-    if inner is None:
-        return Unfit("no direction tells its inside from its outside")
-    if (inner == 1).all():
-        return False
-    if (inner == 0).all():
-        return True
+    if (inner == 1).all() or (inner == 0).all():
+        return bool(inner[0] == 0)
     if (inner > 1).any():
-        return Unfit(
+        raise NotClosedError(
             "parts of it lie within others and are oriented like them (a cavity needs faces that "
             "point into it)"
         )
-    return Unfit("some of its parts have faces that point inwards, others outwards")
+    raise NotClosedError("some of its parts have faces that point inwards, others outwards")
 
 
-def _inner_sides(points: FloatArray, number: IntArray, patch: IntArray) -> Optional[IntArray]:
-    """(P,) the larger of the winding numbers on the two sides of each patch; None if unknown.
+def _inner_sides(points: FloatArray, number: IntArray, patch: IntArray) -> IntArray:
+    """(P,) the larger of the winding numbers on the two sides of each patch.
 
     It is counted along a line from a point of the patch to infinity. Where the line passes an edge
     too closely to tell on which side, another point and another direction are tried.
     """
-    _, face = np.unique(patch, return_index=True)
+    face = np.unique(patch, return_index=True)[1]
     inner: IntArray = np.zeros(len(face), dtype=np.int64)
     left = np.arange(len(face))
     for attempt in range(1, _TRIES + 1):
         lean = np.array([*_LEAN, 0.0]) * attempt
         weights = np.array(_WEIGHTS) ** attempt
         leaning = points + points[:, 2:] * lean
-        found, certain = _counted(leaning, number, face[left], weights / weights.sum())
-        inner[left] = found
+        inner[left], certain = _winding_numbers(
+            leaning, number, face[left], weights / weights.sum()
+        )
         left = left[~certain]
         if not len(left):
             return inner
-    return None
+    raise NotClosedError("its inside cannot be told from its outside")
 
 
-def _counted(
+def _winding_numbers(
     points: FloatArray, number: IntArray, asked: IntArray, weights: FloatArray
 ) -> Tuple[IntArray, npt.NDArray[np.bool_]]:
     """Return the larger winding number at the sides of faces, and whether it is certain."""

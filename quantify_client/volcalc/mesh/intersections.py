@@ -1,22 +1,22 @@
 """Which triangles of a mesh meet where they should not, in exact arithmetic.
 
 Coordinates are whole numbers of at most 30 bits. Then the normal of a triangle has 61 bits, and on
-which side of its plane a point lies is told without rounding, in two 64-bit parts. There is no
-tolerance: two triangles may have a corner or an edge in common that both have as their own, and
-not a point besides.
+which side of its plane a point lies is computed without rounding, in two 64-bit parts. There is no
+tolerance: two triangles may share corners and edges, and no other point.
+
+Candidates come from a tree of their bounding boxes, joined with itself.
 """
 
 from __future__ import annotations
 
-from typing import Any, Optional
+from typing import Any, Iterator, List, Optional, Tuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ...types import IntArray
-from .box_tree import BoxTree, overlaps
 
-__all__ = ["BITS", "meeting", "normals"]
+__all__ = ["BITS", "BoxTree", "meeting", "normals", "overlaps"]
 
 #: Of a coordinate. Differences then have as many and a sign, products of three fit into two words.
 BITS = 30
@@ -25,8 +25,14 @@ _LOW = 31  # bits of the lower part of a normal
 _MASK = (1 << _LOW) - 1
 _TURNED = np.array([[0, 1, 2], [1, 2, 0], [2, 0, 1]])
 
+#: Pairs of nodes compared at once; memory is a few times as much.
+_BLOCK = 1 << 17
+
+_MORTON_BITS = 21  # of a coordinate in a Morton code: three of them fill 63 bits
+
 Signs = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
+Boxes = npt.NDArray[Any]
 
 
 def normals(points: IntArray, triangles: IntArray) -> IntArray:
@@ -46,10 +52,8 @@ def meeting(points: IntArray, triangles: IntArray, normal: IntArray) -> Optional
     triangles : (T, 3) numbers of points, none of them without area.
     normal : (T, 3), theirs.
     """
-    corners = [points[triangles[:, corner]] for corner in range(3)]
-    low = np.minimum(np.minimum(*corners[:2]), corners[2]).astype(np.int32)
-    high = np.maximum(np.maximum(*corners[:2]), corners[2]).astype(np.int32)
-    tree = BoxTree(low, high)
+    corners = points[triangles].astype(np.int32)
+    tree = BoxTree(corners.min(axis=1), corners.max(axis=1))
     for first, second in overlaps(tree, tree):
         bad = _meet(points, triangles, normal, first, second)
         if bad.any():
@@ -94,9 +98,7 @@ def _at_a_corner(
     points: IntArray, one: IntArray, two: IntArray, normal: IntArray, other: IntArray
 ) -> Mask:
     """Whether triangles with a common corner meet elsewhere: a far edge meets the other one."""
-    bad = _pierces(points, one[:, 1:], two, other)
-    bad |= _pierces(points, two[:, 1:], one, normal)
-    return bad
+    return _pierces(points, one[:, 1:], two, other) | _pierces(points, two[:, 1:], one, normal)
 
 
 def _apart(
@@ -142,7 +144,7 @@ def _pierces(points: IntArray, edge: IntArray, triangle: IntArray, normal: IntAr
 
 def _meets_in_plane(edge: IntArray, triangle: IntArray, normal: IntArray) -> Mask:
     """(P,) whether edges (P, 2, 3) meet triangles (P, 3, 3) of the same plane."""
-    # Seen along the axis nearest to the normal nothing falls together.
+    # Project along the axis nearest to the normal: the triangle stays a triangle.
     axis = np.argmax(np.abs(normal), axis=1)
     kept = np.array([[1, 2], [0, 2], [0, 1]])[axis][:, None, :]
     edge = np.take_along_axis(edge, np.repeat(kept, 2, axis=1), axis=2)
@@ -180,3 +182,80 @@ def _side(normal: IntArray, way: IntArray) -> Signs:
     high += low >> _LOW
     sign: Signs = np.where(high != 0, np.sign(high), np.sign(low & _MASK))
     return sign
+
+
+class BoxTree:
+    """A complete binary tree over boxes that lie along a Z-order curve.
+
+    Parameters
+    ----------
+    low, high : (N, 3), corners of the boxes; of integers or floats.
+    depth : levels below the root, at least as many as N boxes need.
+    """
+
+    def __init__(self, low: Boxes, high: Boxes, depth: int = 0) -> None:
+        self.depth = max(depth, (len(low) - 1).bit_length())
+        self.order = np.argsort(_morton(0.5 * low + 0.5 * high), kind="stable")
+        room = (1 << self.depth) - len(low)
+        # Padding boxes overlap no other: their low corner lies above all high ones.
+        lows = np.pad(low[self.order].T, ((0, 0), (0, room)), constant_values=high.max() + 1)
+        highs = np.pad(high[self.order].T, ((0, 0), (0, room)), constant_values=low.min() - 1)
+        self.levels: List[Tuple[Boxes, Boxes]] = [(lows, highs)]
+        for _ in range(self.depth):
+            lows = np.minimum(lows[:, ::2], lows[:, 1::2])
+            highs = np.maximum(highs[:, ::2], highs[:, 1::2])
+            self.levels.append((lows, highs))
+        self.levels.reverse()
+
+
+def overlaps(tree: BoxTree, other: BoxTree) -> Iterator[Tuple[IntArray, IntArray]]:
+    """Yield the pairs of boxes that have a point in common, some at a time.
+
+    Parameters
+    ----------
+    other : a tree of the same depth; the same tree for the pairs within it, each of them once.
+
+    Yields
+    ------
+    (P,), (P,) numbers of the boxes, as they were given.
+    """
+    within = other is tree
+    root = np.zeros(1, dtype=np.int64)
+    waiting = [(0, root, root)]
+    while waiting:
+        level, one, two = waiting.pop()
+        for low, high, other_low, other_high in zip(*tree.levels[level], *other.levels[level]):
+            kept = (low[one] <= other_high[two]) & (other_low[two] <= high[one])
+            one, two = one[kept], two[kept]
+        if level == tree.depth:
+            if within:
+                one, two = one[one < two], two[one < two]
+            if len(one):
+                yield tree.order[one], other.order[two]
+            continue
+        for start in range(0, len(one), _BLOCK):
+            a, b = one[start : start + _BLOCK], two[start : start + _BLOCK]
+            a = np.concatenate([2 * a, 2 * a, 2 * a + 1, 2 * a + 1])
+            b = np.concatenate([2 * b, 2 * b + 1, 2 * b, 2 * b + 1])
+            if within:
+                a, b = a[a <= b], b[a <= b]
+            waiting.append((level + 1, a, b))
+
+
+def _morton(places: Boxes) -> IntArray:
+    """(N,) numbers of places along a Z-order curve, which keeps neighbours near each other."""
+    low = places.min(axis=0)
+    extent = max(float((places.max(axis=0) - low).max()), np.finfo(np.float64).tiny)
+    steps = ((places - low) / extent * ((1 << _MORTON_BITS) - 1)).astype(np.int64)
+    code: IntArray = np.zeros(len(places), dtype=np.int64)
+    for axis, spread in enumerate(steps.T):
+        for shift, mask in (
+            (32, 0x1F00000000FFFF),
+            (16, 0x1F0000FF0000FF),
+            (8, 0x100F00F00F00F00F),
+            (4, 0x10C30C30C30C30C3),
+            (2, 0x1249249249249249),
+        ):
+            spread = (spread | (spread << shift)) & mask
+        code |= spread << axis
+    return code

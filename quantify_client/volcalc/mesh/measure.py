@@ -7,17 +7,17 @@ With `x` counted from the mesh's own middle, the volume is the sum of x . n dA /
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Iterator, List, Optional, Tuple, Union
 
 import numpy as np
 
-from ...types import AreaResult, BudgetItem, Check, Faces, FloatArray, IntArray, Slice, Solid
-from ..body.sections import Surface
-from ..slices import AUTO_SLABS, CONVERGENCE, slab_count, slab_edges
-from .closed import MOST_FACES, Closed, Unfit, closed
+from ...types import AreaResult, BudgetItem, Check, Faces, FloatArray, IntArray, Notice, Solid
+from ..body.sections import BodySurface
+from ..body.tetrahedra import face_normals
+from ..slices import CONVERGENCE, TERRAIN_ONLY, BodyRecipe, slab_edges, slices_of
+from .closed import MOST_FACES, NotClosedError, closed
 
-__all__ = ["MeshRecipe", "measure_mesh"]
+__all__ = ["measure_mesh"]
 
 #: How many corners of a face are tried as the one that its triangles have in common: a face with
 #: four always has one from which it splits well.
@@ -29,38 +29,19 @@ _NO_PART = 1e-9
 #: A change of the volume by this share shows in the digits that are printed.
 _SHOWN = 1e-4
 
-_BLOCK = 200_000  # triangles whose shares are reckoned together
-
 _MOST_POINTS = 20_000  # in the report's picture
 
-_NO_INTERVAL = (
-    "a mesh does not tell how good it is: the volume within its faces is exact, and it has no "
-    "interval; give the standard deviation of its surface (--accuracy)"
+_NO_INTERVAL = Notice(
+    "no-interval-mesh",
+    "the volume within the faces of the mesh is exact, but the accuracy of the mesh is unknown, so "
+    "there is no interval; give the standard deviation of its surface (--accuracy)",
 )
 
 
-@dataclass(frozen=True)
-class MeshRecipe:
-    """How a mesh is to be measured.
-
-    Attributes
-    ----------
-    slices : ``"auto"`` or the number of slices.
-    slice_height : of the slices at most, metres; it decides when given.
-    accuracy : standard deviation of the surface's position along its normal, metres; or None.
-    ground_factor : grid length / ground length at the site.
-    """
-
-    slices: Union[str, int] = "auto"
-    slice_height: Optional[float] = None
-    accuracy: Optional[float] = None
-    ground_factor: float = 1.0
-
-
 def measure_mesh(
-    name: str, points: FloatArray, faces: Faces, recipe: MeshRecipe
+    name: str, points: FloatArray, faces: Faces, recipe: BodyRecipe
 ) -> Union[AreaResult, str]:
-    """Return the volume within a mesh, or the clause that says why its faces tell none.
+    """Return the volume within a mesh, or the clause that says why its faces determine none.
 
     Parameters
     ----------
@@ -74,87 +55,86 @@ def measure_mesh(
     used = points[np.unique(faces.corners)]
     origin = 0.5 * (used.min(axis=0) + used.max(axis=0))
     here = (points - origin) / [recipe.ground_factor, recipe.ground_factor, 1.0]
-    split = _split(here, faces)
-    if isinstance(split, Unfit):
-        return split.reason
-    triangles, other_volume = split
-    found = closed(here, triangles)
-    if isinstance(found, Unfit):
-        return found.reason + _where(points, triangles, found.face)
-    return _result(name, here, origin, found, other_volume, recipe)
-
-
-def _where(points: FloatArray, triangles: IntArray, face: Optional[int]) -> str:
-    if face is None:
-        return ""
-    x, y, z = points[triangles[face]].mean(axis=0).tolist()
-    return f" (one at {x:.2f}, {y:.2f}, {z:.2f})"
+    try:
+        triangles, other_volume = _split(here, faces)
+        counted, inverted = closed(here, triangles)
+    except NotClosedError as fault:
+        if fault.face is None:
+            return fault.reason
+        x, y, z = points[triangles[fault.face]].mean(axis=0).tolist()
+        return f"{fault.reason} (one at {x:.2f}, {y:.2f}, {z:.2f})"
+    checks = () if other_volume is None else (Check("polygons split elsewhere", abs(other_volume)),)
+    return _result(name, here, origin, counted, inverted, checks, recipe)
 
 
 def _result(
     name: str,
     here: FloatArray,
     origin: FloatArray,
-    mesh: Closed,
-    split: Optional[float],
-    recipe: MeshRecipe,
+    triangles: IntArray,
+    inverted: bool,
+    checks: Tuple[Check, ...],
+    recipe: BodyRecipe,
 ) -> AreaResult:
-    volume = _volume(here, mesh.triangles)
-    surface = surface_of_mesh(here, mesh.triangles)
-    zero = float(origin[2])
-    edges = _edges(surface, recipe)
-    area = _area(here, mesh.triangles)
+    volume = _volume(here, triangles)
+    area = 0.5 * float(np.linalg.norm(face_normals(here, triangles), axis=1).sum())
     std = None if recipe.accuracy is None else recipe.accuracy * area
-    used = np.unique(mesh.triangles)
-    checks = () if split is None else (Check("polygons split elsewhere", abs(split)),)
+    surface = BodySurface.of(here, triangles)
+    zero, used = float(origin[2]), np.unique(triangles)
+    low, high = surface.lowest, surface.highest
+    edges = slab_edges(low, high, recipe.slab_count(high - low))
+    held = np.histogram(np.clip(here[used, 2], edges[0], edges[-1]), edges)[0]
     return AreaResult(
         name=name,
         volume_m3=volume,
-        cut_m3=None,
-        fill_m3=None,
         std_m3=std,
-        cut_std_m3=None,
-        fill_std_m3=None,
         budget=() if std is None else (BudgetItem("survey", std),),
-        area_m2=None,
         surface_area_m2=area,
-        perimeter_m=None,
-        min_z_m=surface.lowest + zero,
-        max_z_m=surface.highest + zero,
+        min_z_m=low + zero,
+        max_z_m=high + zero,
         max_height_m=float(edges[-1] - edges[0]),
-        coverage=None,
         points_used=len(used),
         points_left_out={"in no face that counts": len(here) - len(used)},
         slice_height_m=float(edges[1] - edges[0]),
-        slices=_slices(surface, edges, here[used, 2], zero),
+        slices=slices_of(edges, np.diff(surface.volume_below(edges)), held, zero),
         checks=checks,
-        warnings=_words(mesh, volume, std, checks),
+        warnings=tuple(_warnings(volume, std, checks, inverted)),
         solid=_drawn(here[used], origin, surface, edges),
+        **TERRAIN_ONLY,
     )
 
 
-def _words(
-    mesh: Closed, volume: float, std: Optional[float], checks: Tuple[Check, ...]
-) -> Tuple[str, ...]:
-    """Return what there is to say of a mesh's volume."""
-    out = [] if std is not None else [_NO_INTERVAL]
-    if std is not None and 1.96 * std >= volume:
-        out.append(
+def _warnings(
+    volume: float, std: Optional[float], checks: Tuple[Check, ...], inverted: bool
+) -> Iterator[Notice]:
+    """Yield what the user should know of a mesh's volume."""
+    if std is None:
+        yield _NO_INTERVAL
+    elif 1.96 * std >= volume:
+        yield Notice(
+            "accuracy-as-large-as-body",
             "--accuracy is nearly as large as the body: the interval assumes an error that is "
-            "small beside it, and is only a rough guide"
+            "small beside it, and is only a rough guide",
+            std_m3=std,
+            volume_m3=volume,
         )
-    if mesh.inverted:
-        out.append("all faces of the mesh point inwards; they are taken the other way round")
+    if inverted:
+        yield Notice(
+            "faces-inverted",
+            "all faces of the mesh point inwards: they were turned outwards",
+        )
     for check in checks:
+        difference = check.volume_m3 / volume - 1.0
         if abs(check.volume_m3 - volume) > _SHOWN * volume:
-            out.append(
-                "faces with more than three corners are not flat: split from their next corner "
-                f"they hold {check.volume_m3 / volume - 1.0:+.2%}; export triangles"
+            yield Notice(
+                "faces-not-flat",
+                "faces with more than three corners are not flat: split into triangles from their "
+                f"next corner they hold {difference:+.2%}; export triangles",
+                share=difference,
             )
-    return tuple(out)
 
 
-def _split(points: FloatArray, faces: Faces) -> Union[Unfit, Tuple[IntArray, Optional[float]]]:
+def _split(points: FloatArray, faces: Faces) -> Tuple[IntArray, Optional[float]]:
     """Split faces into triangles from one of their corners.
 
     It is the first from which all triangles turn as the whole face does; for a convex face that is
@@ -164,6 +144,11 @@ def _split(points: FloatArray, faces: Faces) -> Union[Unfit, Tuple[IntArray, Opt
     -------
     triangles : (T, 3) numbers of points.
     volume : where every face is split from the corner after that; None where all are triangles.
+
+    Raises
+    ------
+    NotClosedError
+        A face is too crooked, or none has three corners.
     """
     ends = np.cumsum(faces.sizes)
     parts: List[IntArray] = []
@@ -175,7 +160,7 @@ def _split(points: FloatArray, faces: Faces) -> Union[Unfit, Tuple[IntArray, Opt
             start = _start(points, corners)
             if (start < 0).any():
                 which = f"faces with {size} corners are" if (start < 0).sum() > 1 else "face is"
-                return Unfit(
+                raise NotClosedError(
                     f"{(start < 0).sum():,} {which} too crooked to be split into triangles"
                 )
             roll = (start[:, None] + np.arange(size)) % size
@@ -183,7 +168,7 @@ def _split(points: FloatArray, faces: Faces) -> Union[Unfit, Tuple[IntArray, Opt
         parts.append(_fan(corners))
         others.append(_fan(np.roll(corners, -1, axis=1)))
     if not parts:
-        return Unfit("none of its faces has three corners")
+        raise NotClosedError("none of its faces has three corners")
     triangles = np.concatenate(parts)
     if faces.sizes.max() == 3:
         return triangles, None
@@ -193,8 +178,8 @@ def _split(points: FloatArray, faces: Faces) -> Union[Unfit, Tuple[IntArray, Opt
 def _fan(corners: IntArray) -> IntArray:
     """(F * (S - 2), 3) triangles of faces (F, S), all from the first corner."""
     first = np.repeat(corners[:, :1], corners.shape[1] - 2, axis=1)
-    fan: IntArray = np.stack([first, corners[:, 1:-1], corners[:, 2:]], axis=2).reshape(-1, 3)
-    return fan
+    fans = np.stack([first, corners[:, 1:-1], corners[:, 2:]], axis=2)
+    return np.asarray(fans.reshape(-1, 3))
 
 
 def _start(points: FloatArray, corners: IntArray) -> IntArray:
@@ -215,73 +200,15 @@ def _start(points: FloatArray, corners: IntArray) -> IntArray:
 
 
 def _volume(points: FloatArray, triangles: IntArray) -> float:
+    """Return the volume within triangles whose corners turn left seen from outside."""
     a, b, c = (points[triangles[:, corner]] for corner in range(3))
     return float(np.einsum("ti,ti->t", a, np.cross(b, c)).sum()) / 6.0
 
 
-def _area(points: FloatArray, triangles: IntArray) -> float:
-    a, b, c = (points[triangles[:, corner]] for corner in range(3))
-    return 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
-
-
-def surface_of_mesh(points: FloatArray, triangles: IntArray) -> Surface:
-    """Return the surface that sections are taken from; level triangles bound none.
-
-    Parameters
-    ----------
-    triangles : (T, 3) numbers of points; the corners turn left seen from outside.
-    """
-    z = points[triangles, 2]
-    kept = z.min(axis=1) < z.max(axis=1)
-    triangles, z = triangles[kept], z[kept]
-    order = np.argsort(z, axis=1, kind="stable")
-    number = np.take_along_axis(triangles, order, axis=1)
-    corners = points[number]
-    # The body lies to the left where the corners, from the lowest up, turn left seen from outside.
-    sign = np.where((order[:, 1] - order[:, 0]) % 3 == 1, 1.0, -1.0)
-    return Surface(corners, number, sign, corners[:, 0, 2], corners[:, 2, 2])
-
-
-def _parts(surface: Surface) -> Iterator[Surface]:
-    """Yield some triangles at a time: areas and volumes of all are the sums of theirs."""
-    for start in range(0, len(surface.sign), _BLOCK):
-        part = slice(start, start + _BLOCK)
-        yield Surface(
-            surface.corners[part],
-            surface.number[part],
-            surface.sign[part],
-            surface.bottom[part],
-            surface.top[part],
-        )
-
-
-def _edges(surface: Surface, recipe: MeshRecipe) -> FloatArray:
-    height = surface.highest - surface.lowest
-    count = slab_count(height, recipe.slices, recipe.slice_height, AUTO_SLABS)
-    return slab_edges(surface.lowest, surface.highest, count)
-
-
-def _slices(
-    surface: Surface, edges: FloatArray, heights: FloatArray, zero: float
-) -> Tuple[Slice, ...]:
-    below: FloatArray = np.sum([part.volume_below(edges) for part in _parts(surface)], axis=0)
-    volumes = np.diff(below)
-    held = np.histogram(np.clip(heights, edges[0], edges[-1]), edges)[0]
-    middles, height = 0.5 * (edges[1:] + edges[:-1]) + zero, float(edges[1] - edges[0])
-    return tuple(
-        Slice(z_m=z_m, height_m=height, area_m2=volume / height, volume_m3=volume, points=count)
-        for z_m, volume, count in zip(middles.tolist(), volumes.tolist(), held.tolist())
-    )
-
-
-def _drawn(points: FloatArray, origin: FloatArray, surface: Surface, edges: FloatArray) -> Solid:
+def _drawn(
+    points: FloatArray, origin: FloatArray, surface: BodySurface, edges: FloatArray
+) -> Solid:
     """Return what the pictures are drawn from."""
-    rows = []
-    for count in CONVERGENCE:
-        some = np.linspace(surface.lowest, surface.highest, count + 1)
-        middles = 0.5 * (some[1:] + some[:-1])
-        areas = sum(float(part.areas(middles).sum()) for part in _parts(surface))
-        rows.append((count, areas * float(some[1] - some[0])))
     none = np.zeros((0, 3), dtype=np.float32)
     step = max(1, math.ceil(len(points) / _MOST_POINTS))
     x, y, z = origin.tolist()
@@ -290,9 +217,7 @@ def _drawn(points: FloatArray, origin: FloatArray, surface: Surface, edges: Floa
         points=points[::step].astype(np.float32),
         strays=none,
         ground=none,
-        outlines=tuple(
-            tuple(surface.outlines(z)) for z in (0.5 * (edges[1:] + edges[:-1])).tolist()
-        ),
+        outlines=surface.outlines_between(edges),
         gaps=(),
-        convergence=tuple(rows),
+        convergence=surface.box_sums(CONVERGENCE),
     )

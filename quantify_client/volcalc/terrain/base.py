@@ -1,9 +1,16 @@
-"""Base surfaces: what a pile stands on, or a pit was dug from, as the rim tells it."""
+"""Base surfaces: what a pile stands on, or a pit was dug from, estimated from the rim.
+
+Every base is linear in the rim heights, so that one piece of code propagates errors through all of
+them. A new base surface is a function from a `BaseSite` to a `LinearMap`, and a line in the table
+`SURFACES` at the end of this module; one that follows the rim point by point is named in
+`FOLLOWING` besides, so that the budget has what uneven ground may do between its points.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Callable, Protocol, Sequence, Union
+from functools import cached_property
+from typing import Callable, Mapping, Protocol, Sequence, Union
 
 import numpy as np
 import numpy.typing as npt
@@ -11,15 +18,13 @@ import shapely
 from scipy.spatial import cKDTree
 from shapely.geometry import Polygon
 
+from ...errors import SupportError
 from ...types import FloatArray, IntArray
 from .grid import CellWindow
 from .membrane import Membrane, stretch
 from .rim import Rim
 
 __all__ = ["BASES", "Base", "make_base"]
-
-#: The bases that come from the rim, in the order in which a comparison lists them.
-BASES = ("triangulate", "plane", "average", "lowest", "highest")
 
 
 @dataclass(frozen=True)
@@ -30,13 +35,59 @@ class Base:
     ----------
     name : one of `BASES`, or the elevation.
     z : (ny, nx) float64, metres; NaN outside the area.
+    rim : that the base is drawn through; None for an elevation.
     influence : maps weights (ny, nx) of base heights to the weights (M,) of the rim heights that
-        give the same sum; every base is linear in the rim.
+        give the same sum.
     """
 
     name: Union[str, float]
     z: FloatArray
+    rim: Rim | None
     influence: Callable[[FloatArray], FloatArray]
+
+    @property
+    def followed(self) -> Rim | None:
+        """The rim whose ups and downs the base follows; None for a level one."""
+        return self.rim if self.name in FOLLOWING else None
+
+
+class LinearMap(Protocol):
+    """A base surface as a linear map from the M rim heights to the N cells inside the area."""
+
+    def apply(self, rim_z: FloatArray) -> FloatArray:
+        """Return the heights (N,) of the base from those of the rim (M,)."""
+
+    def back(self, weights: FloatArray) -> FloatArray:
+        """Return the rim weights (M,) that give the same sum as weights (N,) of the cells."""
+
+
+@dataclass(frozen=True)
+class BaseSite:
+    """Where a base surface is wanted.
+
+    Attributes
+    ----------
+    rim : of the outer rings.
+    parts : the polygons.
+    window : the cells.
+    inside : (ny, nx) bool, the N cells that the base covers.
+    """
+
+    rim: Rim
+    parts: Sequence[Polygon]
+    window: CellWindow
+    inside: npt.NDArray[np.bool_]
+
+    @cached_property
+    def middles(self) -> tuple[FloatArray, FloatArray]:
+        """Middles (N,) of the cells, in cells from the window's corner."""
+        row, column = np.nonzero(self.inside)
+        return np.asarray(column + 0.5), np.asarray(row + 0.5)
+
+    @cached_property
+    def rim_places(self) -> tuple[FloatArray, FloatArray]:
+        """Places (M,) of the rim points, in cells from the window's corner."""
+        return self.window.in_cells(self.rim.x, self.rim.y)
 
 
 def make_base(
@@ -50,38 +101,35 @@ def make_base(
 
     Parameters
     ----------
-    name : ``triangulate`` (constrained Delaunay triangles over the rim points of each part, with
-        inner nodes stretched between them like a membrane), ``plane`` (least squares on the rim,
-        weighted by length), ``average`` (of the rim by length), ``lowest``, ``highest`` (of the
-        rim), or an elevation in metres.
-    rim : of the outer rings; may be None for an elevation.
+    name : one of `BASES`, or an elevation in metres.
+    rim : of the outer rings; only an elevation does without.
     parts : the polygons.
     inside : (ny, nx) bool, the cells to cover.
+
+    Raises
+    ------
+    SupportError
+        There is no rim for a base that is drawn through it.
     """
     if not isinstance(name, str):
-        even = np.where(inside, float(name), np.nan)
-        return Base(name, even, lambda weights: np.zeros(0 if rim is None else len(rim.z)))
+        level = np.where(inside, float(name), np.nan)
+        return Base(name, level, None, lambda weights: np.zeros(0))
     if rim is None:
-        raise ValueError(f"the base {name!r} needs a rim")
-    matrix = _RECIPES[name](rim, parts, window, inside)
+        raise SupportError(
+            f"no points lie near the outline of the area, where the base '{name}' would take its "
+            "height; give the base as an elevation (--base 123.4) or draw the area smaller"
+        )
+    surface = SURFACES[name](BaseSite(rim, parts, window, inside))
     z = np.full(window.shape, np.nan)
     # Heights far above zero would lose digits in the sums of the plane.
-    level = float(rim.z.mean())
-    z[inside] = matrix.apply(rim.z - level) + level
-    return Base(name, z, lambda weights: matrix.back(weights[inside]))
-
-
-class _Linear(Protocol):
-    """A linear map from rim heights to cells, and back from cells' weights to the rim's."""
-
-    def apply(self, rim_z: FloatArray) -> FloatArray: ...
-
-    def back(self, weights: FloatArray) -> FloatArray: ...
+    mean = float(rim.z.mean())
+    z[inside] = surface.apply(rim.z - mean) + mean
+    return Base(name, z, rim, lambda weights: surface.back(weights[inside]))
 
 
 @dataclass(frozen=True)
 class _Product:
-    """A linear map from rim heights to cells, as a product of two matrices."""
+    """The product of a matrix (N, K) and a matrix (K, M)."""
 
     left: FloatArray
     right: FloatArray
@@ -93,19 +141,9 @@ class _Product:
         return np.asarray(self.right.T @ (self.left.T @ weights))
 
 
-def _centres(window: CellWindow, inside: npt.NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
-    """Return the middles of cells, in cells from the window's corner."""
-    row, column = np.nonzero(inside)
-    return np.asarray(column + 0.5), np.asarray(row + 0.5)
-
-
-def _in_cells(rim: Rim, window: CellWindow) -> tuple[FloatArray, FloatArray]:
-    return (rim.x - window.min_x) / window.cell, (rim.y - window.min_y) / window.cell
-
-
 @dataclass(frozen=True)
 class _Patches:
-    """The membranes of all parts, and the nearest rim point where a cell's middle is in none."""
+    """A membrane for each part, and the nearest rim point for cells whose middle is in none."""
 
     cells: int
     rim: int
@@ -127,35 +165,31 @@ class _Patches:
         return shares
 
 
-def _triangulate(
-    rim: Rim, parts: Sequence[Polygon], window: CellWindow, inside: npt.NDArray[np.bool_]
-) -> _Patches:
-    row, column = np.nonzero(inside)
-    u, v = _centres(window, inside)
-    rim_u, rim_v = _in_cells(rim, window)
-    owner = _part_of(parts, window, u, v)
+def _triangulate(site: BaseSite) -> LinearMap:
+    """Constrained Delaunay triangles over the rim of each part, stretched like a membrane."""
+    row, column = np.nonzero(site.inside)
+    places = np.column_stack(site.rim_places)
+    owner = _part_of(site)
     pieces = []
-    for number in range(len(parts)):
-        points, cells = np.flatnonzero(rim.part == number), np.flatnonzero(owner == number)
-        ring = np.column_stack([rim_u[points], rim_v[points]])
+    for number in range(len(site.parts)):
+        points, cells = np.flatnonzero(site.rim.part == number), np.flatnonzero(owner == number)
         # The rim's own points, so that rounding puts no middle between two outlines.
-        membrane = stretch(ring, Polygon(ring), row[cells], column[cells], window.shape)
+        ring = places[points]
+        membrane = stretch(ring, Polygon(ring), row[cells], column[cells], site.window.shape)
         pieces.append((cells, points, membrane))
     lost = np.flatnonzero(owner < 0)
     nearest = np.zeros(0, dtype=np.int64)
     if len(lost):
-        tree = cKDTree(np.column_stack([rim_u, rim_v]))
-        nearest = tree.query(np.column_stack([u[lost], v[lost]]))[1]
-    return _Patches(len(u), len(rim.z), pieces, lost, nearest)
+        nearest = cKDTree(places).query(np.column_stack(site.middles)[lost])[1]
+    return _Patches(len(row), len(places), pieces, lost, nearest)
 
 
-def _part_of(
-    parts: Sequence[Polygon], window: CellWindow, u: FloatArray, v: FloatArray
-) -> npt.NDArray[np.int64]:
+def _part_of(site: BaseSite) -> IntArray:
     """Return for each cell the part that holds its middle, -1 where none does."""
+    window, (u, v) = site.window, site.middles
     x, y = window.min_x + u * window.cell, window.min_y + v * window.cell
-    owner = np.full(len(u), -1, dtype=np.int64)
-    for number, part in enumerate(parts):
+    owner: IntArray = np.full(len(u), -1, dtype=np.int64)
+    for number, part in enumerate(site.parts):
         # Holes do not matter to a base, and cells in them have no share in the area.
         outer = Polygon(part.exterior)
         shapely.prepare(outer)
@@ -163,49 +197,46 @@ def _part_of(
     return owner
 
 
-def _plane(
-    rim: Rim, parts: Sequence[Polygon], window: CellWindow, inside: npt.NDArray[np.bool_]
-) -> _Product:
-    rim_u, rim_v = _in_cells(rim, window)
-    u, v = _centres(window, inside)
-    centre_u, centre_v = (
-        np.average(rim_u, weights=rim.length),
-        np.average(rim_v, weights=rim.length),
-    )
-    root = np.sqrt(rim.length)
+def _plane(site: BaseSite) -> LinearMap:
+    """Least squares on the rim, weighted by length."""
+    (rim_u, rim_v), (u, v), length = site.rim_places, site.middles, site.rim.length
+    centre_u, centre_v = (np.average(place, weights=length) for place in (rim_u, rim_v))
+    root = np.sqrt(length)
     design = np.column_stack([np.ones(len(rim_u)), rim_u - centre_u, rim_v - centre_v])
     solve = np.linalg.pinv(design * root[:, None]) * root
     return _Product(np.column_stack([np.ones(len(u)), u - centre_u, v - centre_v]), solve)
 
 
-def _level(rim: Rim, inside: npt.NDArray[np.bool_], shares: FloatArray) -> _Product:
-    return _Product(np.ones((int(np.count_nonzero(inside)), 1)), shares[None, :])
+def _average(site: BaseSite) -> LinearMap:
+    """Mean of the rim, weighted by length."""
+    return _level(site, site.rim.length / site.rim.length.sum())
 
 
-def _average(
-    rim: Rim, parts: Sequence[Polygon], window: CellWindow, inside: npt.NDArray[np.bool_]
-) -> _Product:
-    return _level(rim, inside, rim.length / rim.length.sum())
+def _lowest(site: BaseSite) -> LinearMap:
+    """Lowest point of the rim."""
+    return _level(site, np.eye(1, len(site.rim.z), int(np.argmin(site.rim.z)))[0])
 
 
-def _lowest(
-    rim: Rim, parts: Sequence[Polygon], window: CellWindow, inside: npt.NDArray[np.bool_]
-) -> _Product:
-    return _level(rim, inside, np.eye(1, len(rim.z), int(np.argmin(rim.z)))[0])
+def _highest(site: BaseSite) -> LinearMap:
+    """Highest point of the rim."""
+    return _level(site, np.eye(1, len(site.rim.z), int(np.argmax(site.rim.z)))[0])
 
 
-def _highest(
-    rim: Rim, parts: Sequence[Polygon], window: CellWindow, inside: npt.NDArray[np.bool_]
-) -> _Product:
-    return _level(rim, inside, np.eye(1, len(rim.z), int(np.argmax(rim.z)))[0])
+def _level(site: BaseSite, shares: FloatArray) -> LinearMap:
+    """Return a level base, from the shares of the rim points in its height."""
+    return _Product(np.ones((int(np.count_nonzero(site.inside)), 1)), shares[None, :])
 
 
-_Recipe = Callable[[Rim, Sequence[Polygon], CellWindow, npt.NDArray[np.bool_]], _Linear]
-
-_RECIPES: dict[str, _Recipe] = {
+#: The base surfaces by name, in the order in which a comparison lists them.
+SURFACES: Mapping[str, Callable[[BaseSite], LinearMap]] = {
     "triangulate": _triangulate,
     "plane": _plane,
     "average": _average,
     "lowest": _lowest,
     "highest": _highest,
 }
+
+BASES = tuple(SURFACES)
+
+#: The bases that follow the ups and downs of the rim.
+FOLLOWING = ("triangulate", "plane")

@@ -1,26 +1,23 @@
-"""The itemised error budget of a terrain volume.
+"""The error budget of a terrain volume, item by item.
 
 A volume is linear in the cell heights: sum(w * z), with w the cell's area less what the cell
-contributes to the base through the rim. The survey's noise is propagated through exactly these
-weights; what the base adds to the surface's own share is the item "base".
+contributes to the base through the rim. The noise of the survey is propagated through exactly these
+weights. What the base adds to the surface's own error is the item "base".
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage, special
 
-from ...types import BudgetItem, FloatArray, IntArray
-from .base import Base
+from ...types import BudgetItem, FloatArray
 from .noise import Noise, functional_std
 from .rim import Rim
-from .robust import off_plane
+from .robust import plane_residuals
+from .surface import AreaSurface, CutFill
 
-__all__ = ["BASE_MISFIT", "Surface", "error_budget", "onto_measured", "rim_relief"]
+__all__ = ["BASE_MISFIT", "error_budget", "onto_measured", "rim_relief"]
 
 #: Share of the rim's own relief, times the area, that a base between rim points is off by: chosen,
 #: see benchmarks/accuracy.py (undulating ground). Constants of the budget: docs/method.md.
@@ -29,99 +26,61 @@ BASE_MISFIT = 0.25
 #: Relief below this many times the rim's noise is noise.
 _CLEAR_RELIEF = 1.5
 
-#: Share of the step across a gap by which its mean height may be off: as if anything between a
-#: third below and a third above the middle were as likely (1 / sqrt(27)).
+#: Share of the step across a gap by which its mean height may be off: the standard deviation when
+#: anything between a third below and a third above the middle is equally likely (1 / sqrt(27)).
 _UNSEEN_STEP = 0.19
 
 _BOOLS = npt.NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class Surface:
-    """An area's cells, as the budget needs them.
-
-    Attributes
-    ----------
-    r : (ny, nx) height above the base, metres; NaN where nothing is measured.
-    a : (ny, nx) area inside the polygon, m2 on the ground.
-    z : (ny, nx) heights of measured cells, NaN elsewhere.
-    filled : (ny, nx) the same with gaps closed.
-    cell : edge, metres on the ground.
-    above : (ny, nx) bool, cells that count as cut.
-    """
-
-    r: FloatArray
-    a: FloatArray
-    z: FloatArray
-    filled: FloatArray
-    cell: float
-    above: _BOOLS
-
-    @cached_property
-    def measured(self) -> _BOOLS:
-        """Cells with points of their own."""
-        return np.isfinite(self.z)
-
-    @cached_property
-    def nearest(self) -> tuple[FloatArray, IntArray]:
-        """(ny, nx) distance in cells to the nearest measured cell, and (2, ny, nx) its place."""
-        distance, place = ndimage.distance_transform_edt(~self.measured, return_indices=True)
-        return distance, place
-
-
-def error_budget(surface: Surface, base: Base, rim: Rim | None, noise: Noise) -> list[BudgetItem]:
+def error_budget(volume: CutFill) -> list[BudgetItem]:
     """Return the items survey, base, coverage and slicing, each for net, cut and fill."""
-    known = np.isfinite(surface.r)
-    weights = surface.a * np.stack([known, known & surface.above, known & ~surface.above])
-    net = _noise_items(weights[:1], surface, base, rim, noise)
-    unsure = _unsure(surface, noise, float(np.hypot(*net)[0]))
-    sigma = np.hypot(unsure, noise.cell)
-    either = np.maximum(weights[1:], _either_side(surface, sigma))
-    split = _noise_items(either, surface, base, rim, noise)
+    surface, noise = volume.surface, volume.surface.noise
+    weights = surface.a * volume.sides
+    net = _noise_items(weights[:1], volume)
+    shared = _shared_error(surface, float(np.hypot(*net)[0]))
+    sigma = np.hypot(shared, noise.cell)
+    either = np.maximum(weights[1:], _either_side(volume, sigma))
+    split = _noise_items(either, volume)
     survey, from_base = (np.concatenate(pair).tolist() for pair in zip(net, split))
-    level = _flat_ground(surface, unsure, sigma)
-    misfit = _base_misfit(surface, base, rim, noise)
-    missing = _coverage(surface, noise, weights > 0)
-    unmeasured = _unmeasured(surface)
-    return [
-        BudgetItem(
-            "survey",
-            survey[0],
-            float(np.hypot(survey[1], level)),
-            float(np.hypot(survey[2], level)),
-        ),
-        BudgetItem("base", *(float(np.hypot(s, m)) for s, m in zip(from_base, misfit))),
-        BudgetItem("coverage", *(float(np.hypot(m, unmeasured)) for m in missing)),
-        BudgetItem("slicing", *_slicing(surface, weights > 0)),
-    ]
+    flat = _flat_ground(volume, shared, sigma)
+    stds = {
+        "survey": np.hypot(survey, [0.0, flat, flat]),
+        "base": np.hypot(from_base, _base_misfit(volume)),
+        "coverage": np.hypot(_coverage(surface, weights > 0), _unmeasured(volume)),
+        "slicing": np.array(_slicing(surface, weights > 0)),
+    }
+    return [BudgetItem(source, *values.tolist()) for source, values in stds.items()]
 
 
-def _unsure(surface: Surface, noise: Noise, std: float) -> float:
-    """Return how far, as one sigma, the ground near the base may be from it after all, metres."""
-    area = float(surface.a.sum())
-    return float(np.hypot(std / area, noise.correlated)) if area > 0 else 0.0
+def _shared_error(surface: AreaSurface, std: float) -> float:
+    """Return the standard deviation of the base and of correlated noise, metres.
 
-
-def _either_side(surface: Surface, sigma: FloatArray) -> FloatArray:
-    """Return the area of each cell that may belong to the other side of the base.
-
-    Where the ground is nearer to the base than both are sure (`sigma`), a cell is cut or fill by
-    chance: its weight in the other side's error is the probability that it belongs there.
+    Neighbouring cells share this error: the ground near the base may be off by it together.
     """
-    away = np.abs(np.where(np.isfinite(surface.r), surface.r, np.inf))
+    area = float(surface.a.sum())
+    return float(np.hypot(std / area, surface.noise.correlated)) if area > 0 else 0.0
+
+
+def _either_side(volume: CutFill, sigma: FloatArray) -> FloatArray:
+    """Return the area of each cell times the probability that it is on the other side of the base.
+
+    Where the ground is nearer to the base than the error of the two (`sigma`), a cell is cut or
+    fill by chance, and it has this weight in the other side's error.
+    """
+    away = np.abs(np.where(np.isfinite(volume.r), volume.r, np.inf))
     distance = np.divide(away, sigma, out=np.full_like(away, np.inf), where=sigma > 0)
-    return np.asarray(surface.a * special.ndtr(-distance))
+    return np.asarray(volume.surface.a * special.ndtr(-distance))
 
 
-def _noise_items(
-    weights: FloatArray, surface: Surface, base: Base, rim: Rim | None, noise: Noise
-) -> tuple[FloatArray, FloatArray]:
+def _noise_items(weights: FloatArray, volume: CutFill) -> tuple[FloatArray, FloatArray]:
     """Return the survey's and the base's standard deviations of each sum(weights * r)."""
-    direct = onto_measured(weights, surface)
+    rim, noise = volume.base.rim, volume.surface.noise
+    direct = onto_measured(weights, volume.surface)
     if rim is None:
         survey = functional_std(direct, noise)
         return survey, np.zeros_like(survey)
-    influence = np.stack([base.influence(weight) for weight in weights], axis=1)
+    influence = np.stack([volume.base.influence(weight) for weight in weights], axis=1)
     through_rim = (rim.weights.T @ influence).T.reshape(direct.shape)
     both = functional_std(np.concatenate([direct, direct - through_rim]), noise)
     survey, total = np.split(both, 2)
@@ -130,8 +89,8 @@ def _noise_items(
     return survey, np.sqrt(total**2 - survey**2)
 
 
-def onto_measured(weights: FloatArray, surface: Surface) -> FloatArray:
-    """Give the weights of interpolated cells to the nearest measured ones."""
+def onto_measured(weights: FloatArray, surface: AreaSurface) -> FloatArray:
+    """Return the weights, those of interpolated cells moved to the nearest measured ones."""
     lost = (weights != 0).any(axis=0) & ~surface.measured
     if not lost.any() or not surface.measured.any():
         return weights
@@ -141,22 +100,24 @@ def onto_measured(weights: FloatArray, surface: Surface) -> FloatArray:
     return moved
 
 
-def _flat_ground(surface: Surface, unsure: float, sigma: FloatArray) -> float:
-    """Return what errors shared by neighbours add to both cut and fill near the base: 0.4 sigma A.
+def _flat_ground(volume: CutFill, shared: float, sigma: FloatArray) -> float:
+    """Return what errors shared by neighbours add to both cut and fill near the base.
 
-    The mean of max(e, 0) of a normal error e is 0.4 sigma. What single cells add so is kept out by
-    their neighbours deciding their side; what neighbours share cannot be.
+    The mean of max(e, 0) of a normal error e is 0.4 sigma. That of independent errors is kept out,
+    because the neighbours of a cell decide its side; that of shared errors cannot be.
     """
-    near = np.isfinite(surface.r) & (np.abs(np.nan_to_num(surface.r)) < 2 * sigma)
-    return 0.4 * unsure * float(surface.a[near].sum())
+    near = volume.sides[0] & (np.abs(np.nan_to_num(volume.r)) < 2 * sigma)
+    return 0.4 * shared * float(volume.surface.a[near].sum())
 
 
-def rim_relief(rim: Rim, noise: Noise, *, smooth: bool = True) -> float:
-    """Return the RMS by which the rim departs from a plane, beyond its noise; 0 when unclear.
+def rim_relief(rim: Rim | None, noise: Noise, *, smooth: bool = True) -> float:
+    """Return the RMS residual of the rim about a plane, beyond its noise; 0 where that is unclear.
 
-    With `smooth`, what the correlated noise already accounts for does not count.
+    With `smooth`, what the correlated noise already explains is noise, too.
     """
-    off = off_plane(rim.x, rim.y, rim.z, rim.length)
+    if rim is None:
+        return 0.0
+    off = plane_residuals(rim.x, rim.y, rim.z, rim.length)
     square = float((off**2 * rim.length).sum() / rim.length.sum())
     shares, cells = rim.weights.data, rim.weights.indices
     own = float(((shares * noise.cell.ravel()[cells]) ** 2).sum()) / len(rim.z)
@@ -164,37 +125,32 @@ def rim_relief(rim: Rim, noise: Noise, *, smooth: bool = True) -> float:
     return float(np.sqrt(square - own)) if square > _CLEAR_RELIEF**2 * own else 0.0
 
 
-def _base_misfit(
-    surface: Surface, base: Base, rim: Rim | None, noise: Noise
-) -> tuple[float, float, float]:
-    """Return what the ground under the area may depart from a base drawn through its rim."""
-    if rim is None or base.name not in ("triangulate", "plane"):
-        return 0.0, 0.0, 0.0
-    off = BASE_MISFIT * rim_relief(rim, noise)
-    known = np.isfinite(surface.r)
-    above = float(surface.a[known & surface.above].sum())
-    below = float(surface.a[known & ~surface.above].sum())
-    return off * (above + below), off * above, off * below
+def _base_misfit(volume: CutFill) -> list[float]:
+    """Return how far the ground under the area may depart from a base drawn through its rim."""
+    surface = volume.surface
+    off = BASE_MISFIT * rim_relief(volume.base.followed, surface.noise)
+    above, below = (float(surface.a[side].sum()) for side in volume.sides[1:])
+    return [off * (above + below), off * above, off * below]
 
 
-def _coverage(surface: Surface, noise: Noise, sides: _BOOLS) -> list[float]:
+def _coverage(surface: AreaSurface, sides: _BOOLS) -> list[float]:
     """Return the error of heights interpolated over gaps, for each side (K, ny, nx).
 
-    How far a cell is off the mean of its four neighbours, beyond noise, tells the ground's
-    roughness; a gap's error grows with the power 1.5 of its depth in cells. Where a gap lies
-    between high and low, as in the blind spot beside a wall, a share of that difference is what
-    nobody saw. Each gap has one error over all of it, independent of other gaps'.
+    The ground's roughness is how far a cell is off the mean of its four neighbours, beyond noise; a
+    gap's error grows with the power 1.5 of its depth in cells. Where a gap lies between high and
+    low ground, as in the blind spot beside a wall, a share of that step is added. Each gap has one
+    error over all of it, independent of those of other gaps.
     """
     gaps = sides & ~surface.measured
     if not gaps.any():
         return [0.0] * len(gaps)
-    by_shape = _roughness(surface, noise) * surface.nearest[0] ** 1.5
-    step = _UNSEEN_STEP * _local_step(surface.z)
+    by_shape = _roughness(surface) * surface.nearest[0] ** 1.5
+    step = _UNSEEN_STEP * _local_step(surface.heights.z)
     return [_over_gaps(gap, surface.a, by_shape, step) for gap in gaps]
 
 
 def _over_gaps(gap: _BOOLS, a: FloatArray, by_shape: FloatArray, step: FloatArray) -> float:
-    """Return the error over some gaps: by the deepest place and by the mean step of each."""
+    """Return the error over some gaps, from the deepest place and the mean step of each."""
     label, number = ndimage.label(gap)
     index = np.arange(1, number + 1)
     area = np.asarray(ndimage.sum_labels(a, label, index))
@@ -211,37 +167,38 @@ def _local_step(z: FloatArray) -> FloatArray:
     return np.where(np.isfinite(high - low), high - low, 0.0)
 
 
-def _roughness(surface: Surface, noise: Noise) -> float:
-    z = surface.z
+def _roughness(surface: AreaSurface) -> float:
+    """Return the RMS by which cells are off the mean of their four neighbours, beyond noise."""
+    z, noise = surface.heights.z, surface.noise
     middle = z[1:-1, 1:-1]
     around = (z[:-2, 1:-1] + z[2:, 1:-1] + z[1:-1, :-2] + z[1:-1, 2:]) / 4
     off = (middle - around)[np.isfinite(middle - around)]
     if not len(off):
-        # Not one cell with four neighbours: the noise of a cell is the least that can be said.
+        # Not one cell has four neighbours: the noise of a cell is a lower limit.
         return noise.independent
     square = float(np.mean(np.clip(off, *np.quantile(off, [0.005, 0.995])) ** 2))
-    # The interpolated height carries a quarter of a cell's noise, whatever the ground.
+    # The interpolated height has a quarter of the variance of a cell's noise, whatever the ground.
     return float(np.sqrt(max(square - 1.25 * noise.independent**2, 0.0) + noise.independent**2 / 4))
 
 
-def _unmeasured(surface: Surface) -> float:
+def _unmeasured(volume: CutFill) -> float:
     """Return the error of taking ground out of reach of any point to lie on the base."""
-    missing = float(surface.a[~np.isfinite(surface.r)].sum())
+    a, known = volume.surface.a, volume.sides[0]
+    missing = float(a[~known].sum())
     if missing <= 0:
         return 0.0
-    known = np.isfinite(surface.r) & (surface.a > 0)
-    typical = float(np.sqrt(np.average(surface.r[known] ** 2, weights=surface.a[known])))
-    return 0.5 * missing * typical
+    known = known & (a > 0)
+    return 0.5 * missing * float(np.sqrt(np.average(volume.r[known] ** 2, weights=a[known])))
 
 
-def _slicing(surface: Surface, sides: _BOOLS) -> list[float]:
-    """Return the error of giving a rim cell's part the height of the whole cell, for each side.
+def _slicing(surface: AreaSurface, sides: _BOOLS) -> list[float]:
+    """Return the error of giving part of a cell the height of the whole cell, for each side.
 
-    The part's middle is up to half of the missing width from the cell's. Along a rim in the slope
-    these errors have one sign, so they add up, signed by whether the ground rises inwards.
+    The middle of the part is up to half of the missing width from that of the cell. Along an
+    outline on a slope these errors have one sign and add up, signed by whether the ground rises
+    inwards.
     """
-    full = surface.cell**2
-    share = np.clip(surface.a / full, 0.0, 1.0)
+    share = np.clip(surface.a / surface.cell**2, 0.0, 1.0)
     rim = (share > 0) & (share < 1)
     rise_v, rise_u = np.gradient(surface.filled)
     in_v, in_u = np.gradient(share)

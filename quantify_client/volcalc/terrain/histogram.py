@@ -1,9 +1,9 @@
-"""Points of one area into small cubes: one streaming pass, exact in any order.
+"""Height histograms of one area: points counted in small cubes, exactly and in any order.
 
-Cubes rather than mean heights of cells are kept: what lies far from a cell's surface can be left
-out after the pass, when the neighbourhood is known. They start out so small that few hold more
-than one point, whatever the density; whenever there are too many of them, eight are merged into
-one. The points decide how often, not their order: a part of them never fills more cubes than all.
+A pass over the points fills cubes instead of mean heights of cells, so that outliers can be left
+out afterwards, when the neighbourhood is known. Cubes start so small that few of them hold more
+than one point. Whenever there are too many, eight are merged into one. How often that happens
+depends on the points and not on their order: some of the points never fill more cubes than all.
 """
 
 from __future__ import annotations
@@ -24,10 +24,11 @@ __all__ = [
     "Share",
     "height_in_quanta",
     "packed_places",
+    "run_starts",
     "share_of",
 ]
 
-#: Occupied cubes of one area at most: what bounds the memory and the work after the pass.
+#: Occupied cubes of one area, at most: the bound on memory and on the work after the pass.
 MAX_CUBES = 1 << 21
 
 #: Layout of a packed point: column | row | height in quanta.
@@ -37,7 +38,7 @@ _REST_BITS = 11
 _HEIGHT_BITS = _BIN_BITS + _REST_BITS
 _SIDE_MASK = (1 << _SIDE_BITS) - 1
 
-#: Cubes are merged so often at most; what all cubes count from is then a whole cube still.
+#: Times that cubes can be merged. All indices count from a whole number of the largest cubes.
 _MERGES = 11
 _FIRST = 1 << _MERGES
 _HEIGHT_ZERO = 1 << (_HEIGHT_BITS - 1)
@@ -45,31 +46,33 @@ _HEIGHT_ZERO = 1 << (_HEIGHT_BITS - 1)
 #: Cubes along the longer side of an area, at most, before any are merged.
 _ALONG = 2000
 
-#: Room that is kept round an area, in point spacings: enough for its rim and for the ground that
-#: tells the noise. It starts as the area's longer side and is halved while it is twice as much.
+#: Margin kept around an area, in point spacings: enough for its rim and for the ground that the
+#: noise is measured on. It starts as the area's longer side and is halved while it is twice this.
 _ROOM_SPACINGS = 36
 
-#: Heights beyond this many quanta have lost their digits in float64 already.
+#: Heights of more quanta than this have already lost digits in float64.
 _FINEST = 2.0**52
 
-#: New cubes wait until there are so many of them, or half as many as there are, before merging.
+#: New cubes wait until there are so many, or half as many as the settled ones, before merging.
 _PENDING = 1 << 15
+
+_PER_CUBE = ("column", "row", "bin", "count", "inside")
 
 
 @dataclass(frozen=True)
 class Cubes:
-    """Occupied cubes of one area, sorted by column, row and height.
+    """The occupied cubes of one area, sorted by column, row and height.
 
     Attributes
     ----------
     column, row, bin : (M,) int64, cube indices; columns and rows count from the area's corner.
-    count : (M,) int64, points in it.
+    count : (M,) int64, points in the cube.
     inside : (M,) int64, sum of the points' heights above the cube's foot, in quanta.
-    cell : metres, a cube's edge.
+    cell : edge of a cube, metres.
     quantum : metres of one quantum.
-    height : quanta of a cube's height.
+    height : height of a cube, in quanta.
     factor : cubes along the side of a cell.
-    too_far : points over the area whose heights are too far from the site's to be kept.
+    too_far : points over the area that are too high or too low to be kept.
     """
 
     column: IntArray
@@ -85,12 +88,10 @@ class Cubes:
 
     def select(self, which: npt.NDArray[np.bool_]) -> Cubes:
         """Return some of the cubes."""
-        parts = (self.column, self.row, self.bin, self.count, self.inside)
-        column, row, bins, count, inside = (part[which] for part in parts)
-        return replace(self, column=column, row=row, bin=bins, count=count, inside=inside)
+        return replace(self, **{name: getattr(self, name)[which] for name in _PER_CUBE})
 
-    def further(self, east: int, north: int) -> Cubes:
-        """Return the cubes shifted by whole cubes, so that cells begin at other places."""
+    def shifted(self, east: int, north: int) -> Cubes:
+        """Return the cubes moved by whole cubes, so that cells begin at other places."""
         return replace(self, column=self.column + east, row=self.row + north)
 
     def merged(self, times: int) -> Cubes:
@@ -102,11 +103,7 @@ class Cubes:
         column, row, bins = self.column >> times, self.row >> times, self.bin >> times
         order = np.lexsort((bins, row, column))
         column, row, bins = column[order], row[order], bins[order]
-        first = np.ones(len(order), dtype=bool)
-        first[1:] = column[1:] != column[:-1]
-        first[1:] |= row[1:] != row[:-1]
-        first[1:] |= bins[1:] != bins[:-1]
-        start = np.flatnonzero(first)
+        start = np.flatnonzero(run_starts(column) | run_starts(row) | run_starts(bins))
         return replace(
             self,
             column=column[start],
@@ -119,21 +116,32 @@ class Cubes:
         )
 
 
+def run_starts(values: IntArray) -> npt.NDArray[np.bool_]:
+    """Return which values begin a run of equal ones.
+
+    >>> run_starts(np.array([4, 4, 7, 4]))
+    array([ True, False,  True,  True])
+    """
+    first = np.ones(len(values), dtype=bool)
+    np.not_equal(values[1:], values[:-1], out=first[1:])
+    return first
+
+
 def _sums(values: IntArray, start: IntArray) -> IntArray:
     return np.add.reduceat(values, start) if len(start) else values[:0]
 
 
 @dataclass(frozen=True)
 class Packing:
-    """How points of one area are numbered at some moment of the pass.
+    """How the points of one area are numbered at some moment of the pass.
 
     Attributes
     ----------
     min_x, min_y : metres in the frame, the corner that columns and rows count from.
-    cell : metres, the edge of the smallest cubes.
+    cell : edge of the smallest cubes, metres.
     columns, rows : smallest cubes along the area.
-    room : smallest cubes on each side of it.
-    zero : quanta, the height that heights count from: a whole number of the largest cubes.
+    room : smallest cubes on each side of the area.
+    zero : quanta, the level that heights count from: a whole number of the largest cubes.
     merges : how often cubes have been merged.
     """
 
@@ -152,9 +160,9 @@ class Packing:
 
         Parameters
         ----------
-        bounds : of the area, in the frame.
-        lowest : metres, about the height of the cloud nearest to zero; for very small sites only,
-            all others have a range of heights that holds the Earth's from zero.
+        bounds : box of the area, in the frame.
+        lowest : about the height of the cloud nearest to zero, metres. It matters for very small
+            sites only: the range of all others holds every height on Earth, counted from zero.
         room : whether points around the area are wanted.
         """
         longest = max(bounds.max_x - bounds.min_x, bounds.max_y - bounds.min_y, 1e-6)
@@ -168,7 +176,7 @@ class Packing:
 
     @property
     def quantum(self) -> float:
-        """Metres."""
+        """Height of one quantum, metres."""
         return math.ldexp(self.cell, -_REST_BITS)
 
     @property
@@ -179,7 +187,7 @@ class Packing:
 
     @property
     def most(self) -> float:
-        """Cubes above which the room is more than is needed."""
+        """Number of cubes above which the room is larger than needed."""
         if not self.room:
             return math.inf
         extent = (self.columns + 2 * self.room) * (self.rows + 2 * self.room)
@@ -193,7 +201,7 @@ class Packing:
 
 @dataclass(frozen=True)
 class Share:
-    """What some points add to an area: sorted keys of cubes, as that packing numbers them."""
+    """What some points add to an area: sorted keys of cubes, numbered as `packing` says."""
 
     packing: Packing
     keys: IntArray
@@ -202,11 +210,11 @@ class Share:
 
 
 def share_of(packing: Packing, packed: IntArray) -> Share:
-    """Return the share of packed points (see `Routes.pack`), which are overwritten."""
+    """Return the share of packed points (see `packed_places`), which are overwritten."""
     shift = _REST_BITS + packing.merges
     packed.sort()
     keys = packed >> shift
-    start = _starts(keys)
+    start = np.flatnonzero(run_starts(keys))
     packed &= (1 << shift) - 1
     count = np.diff(start, append=len(packed))
     return Share(packing, keys[start], count, _sums(packed, start))
@@ -215,7 +223,7 @@ def share_of(packing: Packing, packed: IntArray) -> Share:
 def height_in_quanta(
     z: FloatArray, cell: FloatArray, zero: IntArray
 ) -> tuple[IntArray, npt.NDArray[np.bool_]]:
-    """Return heights above the lowest that can be kept, in quanta, and which of them can be.
+    """Return heights in quanta above the lowest that can be kept, and which of them can be.
 
     Parameters
     ----------
@@ -237,7 +245,7 @@ def packed_places(u: FloatArray, v: FloatArray, height: IntArray, merges: IntArr
     Parameters
     ----------
     u, v : (N,) float64, places in smallest cubes from the area's corner.
-    height : (N,) int64, of `height_in_quanta`.
+    height : (N,) int64, from `height_in_quanta`.
     merges : of each point's `Packing`, or the one of all.
     """
     packed = (u + _FIRST).astype(np.int64) >> merges
@@ -246,13 +254,6 @@ def packed_places(u: FloatArray, v: FloatArray, height: IntArray, merges: IntArr
     packed <<= _HEIGHT_BITS
     packed |= height
     return packed
-
-
-def _starts(keys: IntArray) -> IntArray:
-    """Return where runs of equal keys start."""
-    first = np.ones(len(keys), dtype=bool)
-    np.not_equal(keys[1:], keys[:-1], out=first[1:])
-    return np.flatnonzero(first)
 
 
 class CubeStore:
@@ -296,15 +297,14 @@ class CubeStore:
         )
 
     def _settle(self) -> None:
-        """Merge what waits into the sorted cubes, and these until there are no more than wanted."""
+        """Merge what waits into the sorted cubes, and these until they are few enough."""
         if self._pending:
             parts, self._pending, self._waiting = [self._settled, *self._pending], [], 0
-            self._settled = _summed(
-                self.packing,
-                np.concatenate([part.keys for part in parts]),
-                np.concatenate([part.count for part in parts]),
-                np.concatenate([part.inside for part in parts]),
+            keys, count, inside = (
+                np.concatenate([getattr(part, name) for part in parts])
+                for name in ("keys", "count", "inside")
             )
+            self._settled = _summed(self.packing, keys, count, inside)
         while MAX_CUBES > self.packing.most < len(self._settled.keys):
             self._change(replace(self.packing, room=self.packing.room // 2))
         while len(self._settled.keys) > MAX_CUBES and self.packing.merges < _MERGES:
@@ -333,9 +333,8 @@ def _in_packing(share: Share, packing: Packing) -> Share:
         # The room is settled before any cubes are merged: these are the smallest.
         left, right, bottom, top = (limit + _FIRST for limit in packing.limits)
         kept = (column >= left) & (column < right) & (row >= bottom) & (row < top)
-        column, row, bins, count, inside = (
-            part[kept] for part in (column, row, bins, count, inside)
-        )
+        parts = (column, row, bins, count, inside)
+        column, row, bins, count, inside = (part[kept] for part in parts)
     times = packing.merges - was.merges
     inside = inside + count * ((bins & ((1 << times) - 1)) << (_REST_BITS + was.merges))
     cell = ((column >> times) << _SIDE_BITS) | (row >> times)
@@ -347,5 +346,5 @@ def _summed(packing: Packing, keys: IntArray, count: IntArray, inside: IntArray)
     """Return a share with each key once, sorted."""
     order = np.argsort(keys, kind="stable")
     keys = keys[order]
-    start = _starts(keys)
+    start = np.flatnonzero(run_starts(keys))
     return Share(packing, keys[start], _sums(count[order], start), _sums(inside[order], start))

@@ -17,19 +17,19 @@ __all__ = ["above_mask", "integrate_slices", "slab_edges"]
 #: About this many slices when the user does not say.
 _AUTO_SLICES = 20
 
-#: More would be a slip of the pen, and a report nobody can read.
+#: More would be a typing error, and a report that nobody can read.
 MAX_SLICES = 10_000
 
-#: A cell whose height is below this many standard deviations takes its sign from its neighbours.
+#: A cell nearer to the base than this many standard deviations takes the side of its neighbours.
 _SURE = 3.0
 
 
 def above_mask(r: FloatArray, a: FloatArray, sigma: FloatArray) -> npt.NDArray[np.bool_]:
-    """Tell which cells lie above the base, without noise deciding.
+    """Return which cells lie above the base, without a bias by noise.
 
-    Summing max(r, 0) over flat ground adds 0.4 sigma to every cell, and the same to the fill.
-    A cell within three sigma of the base therefore takes the side of its neighbours' mean, which
-    does not share its noise: its own r then adds up to zero. Net is untouched.
+    Summing max(r, 0) over flat ground would add 0.4 sigma for every cell to the cut, and as much to
+    the fill. A cell within three sigma of the base therefore takes the side of its neighbours'
+    mean, which does not share its noise, so that errors sum to zero. Net does not change.
 
     Parameters
     ----------
@@ -44,14 +44,14 @@ def above_mask(r: FloatArray, a: FloatArray, sigma: FloatArray) -> npt.NDArray[n
     weight = np.where(known, a, 0.0)
     volume = r * weight
     total, beside = _around(volume), _around(weight)
-    # A sum over nothing but zeros is exactly zero, so an isolated cell decides for itself.
+    # A sum of zeros is exactly zero, so that an isolated cell decides for itself.
     doubtful = (np.abs(r) < _SURE * sigma) & (beside > 0) & (total != 0)
     above = np.asarray(np.where(doubtful, total > 0, r > 0))
     return _with_right_sums(above, doubtful, volume)
 
 
 def _around(values: FloatArray) -> FloatArray:
-    """Return for each cell the sum over the others of the 5 x 5 cells about it."""
+    """Return for each cell the sum over the other 24 of the 5 x 5 cells around it."""
     rows = ndimage.correlate1d(values, np.ones(5), axis=0, mode="constant")
     both = ndimage.correlate1d(rows, np.ones(5), axis=1, mode="constant")
     return np.asarray(both - values)
@@ -60,10 +60,9 @@ def _around(values: FloatArray) -> FloatArray:
 def _with_right_sums(
     above: npt.NDArray[np.bool_], doubtful: npt.NDArray[np.bool_], volume: FloatArray
 ) -> npt.NDArray[np.bool_]:
-    """Give a side's doubtful cells to the other where they make cut or fill negative."""
-    for side in (True, False):
-        total = float(volume[above == side].sum())
-        if (total < 0) if side else (total > 0):
+    """Return the mask, with the doubtful cells of a side moved where they make its sum negative."""
+    for side, sign in ((True, 1.0), (False, -1.0)):
+        if sign * float(volume[above == side].sum()) < 0:
             above = np.asarray(np.where(doubtful & (above == side), not side, above))
     return above
 
@@ -73,8 +72,8 @@ def slab_edges(
 ) -> FloatArray:
     """Return the slab limits from the lowest to the highest height above the base.
 
-    `slices` equal slabs from lowest to highest, split at 0; or slabs of `slice_height` counted
-    from 0; or about twenty of a round height.
+    They are `slices` equal slabs from lowest to highest, split at 0; or slabs of `slice_height`
+    counted from 0; or about twenty slabs of a round height.
 
     >>> slab_edges(-1.0, 3.0, 4, None)
     array([-1.,  0.,  1.,  2.,  3.])
@@ -114,9 +113,10 @@ def integrate_slices(
 ) -> Sequence[Slice]:
     """Return the slices between `edges`; each volume is exact over the cells.
 
-    A slab above the base between z and z + h holds sum(a * clip(r - z, 0, h)) of the cells above
-    it, one below the base the negative likewise. Small negative heights of cells that count as
-    above are taken off the first slab, so that the slices sum to net = sum(a * r).
+    A slab above the base, from z to z + h, holds sum(a * clip(r - z, 0, h)) over the cells that
+    count as above; a slab below the base holds the negative of the same over the others. Small
+    negative heights of cells that count as above are subtracted from the first slab, so that the
+    slices sum to net = sum(a * r).
 
     Parameters
     ----------

@@ -1,52 +1,37 @@
-"""One area of terrain, from the accumulated points to its result."""
+"""One area of terrain, from its points to its result on one base or on all of them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Optional, Sequence, Union
+from dataclasses import dataclass
+from typing import Optional, Union
 
 import numpy as np
-import numpy.typing as npt
 from scipy import ndimage
 from shapely.geometry import MultiPolygon, Polygon
 
-from ...errors import SupportError
-from ...types import AreaResult, BudgetItem, Check, FloatArray, Relief, Window
-from .base import BASES, Base, make_base
-from .budget import Surface, error_budget, rim_relief
-from .cells import cell_fractions, polygons_of
-from .check import tin_check
-from .coverage import require_fine, why_unsupported
-from .crossing import bridge_crossings
-from .heights import CellHeights, cell_heights, fill_gaps, support
-from .histogram import Cubes
+from ...types import AreaResult, Relief
+from .accumulate import AreaPoints
+from .base import BASES, make_base
+from .budget import error_budget, rim_relief
 from .integrate import above_mask, integrate_slices, slab_edges
-from .noise import Noise, measure_noise
-from .rim import Rim, require_plain_outline, sample_rim
-from .warnings import Doubts
+from .rim import Crossing, bridge_crossings
+from .surface import AreaSurface, CutFill, find_surface
+from .tin import tin_check
+from .warnings import Findings
 
-__all__ = ["Measured", "Recipe", "measure_terrain"]
-
-#: Below this share of supported cells the area is refused.
-LEAST_SUPPORT = 0.5
-
-#: Heights go on beyond the points' outer edge for this share of the area's size, in whole cells.
-_REACH = 0.05
-_LEAST_REACH_CELLS = 5
-
-_BOOLS = npt.NDArray[np.bool_]
+__all__ = ["Measured", "TerrainRecipe", "measure_terrain"]
 
 
 @dataclass(frozen=True)
-class Recipe:
-    """How areas are to be measured.
+class TerrainRecipe:
+    """How an area is to be measured: what the options say, resolved for this area.
 
     Attributes
     ----------
     base : a name of `BASES`, ``"compare"``, or an elevation in metres.
     slices, slice_height : see `slab_edges`.
     ground_factor : grid length / ground length at the site.
-    brief : only volumes and the check's, for placements whose mean has the budget of another.
+    brief : only volumes and that of the check, for grid offsets whose mean has another's budget.
     """
 
     base: Union[str, float] = "triangulate"
@@ -58,217 +43,116 @@ class Recipe:
 
 @dataclass(frozen=True)
 class Measured:
-    """The result of one area on one base, without words, and what there is to say of it."""
+    """The result of one area on one base, without warnings, and what they will be made of."""
 
     result: AreaResult
-    doubts: Doubts
-
-
-@dataclass(frozen=True)
-class _Ground:
-    """What all bases over one area share."""
-
-    name: str
-    polygon: Polygon | MultiPolygon
-    parts: Sequence[Polygon]
-    heights: CellHeights
-    filled: FloatArray
-    fraction: FloatArray
-    rim: Rim | None
-    noise: Noise
-    coverage: float
-    points: FloatArray
+    findings: Findings
 
 
 def measure_terrain(
-    name: str,
-    polygon: Polygon | MultiPolygon,
-    cubes: Cubes,
-    points: FloatArray,
-    recipe: Recipe,
+    name: str, polygon: Polygon | MultiPolygon, points: AreaPoints, recipe: TerrainRecipe
 ) -> tuple[Measured, ...]:
     """Return the result of one area, one for each base where they are compared.
 
     Parameters
     ----------
-    polygon : valid, metres, in the coordinates of the cubes.
-    cubes : from `fit_cells`.
-    points : (K, 3) real points for the check, in the same coordinates.
+    polygon : valid, metres, from the local origin of the points.
+    points : with cubes from `fit_cells`.
 
     Raises
     ------
     SupportError
         When points support less than half of the area.
     """
-    ground = _survey(name, polygon, cubes, points)
+    surface = find_surface(polygon, points.cubes, recipe.ground_factor)
     bases = BASES if recipe.base == "compare" else [recipe.base]
-    return tuple(_measure(ground, base, recipe) for base in bases)
+    return tuple(_on_base(name, base, surface, points, recipe) for base in bases)
 
 
-def _survey(
-    name: str, polygon: Polygon | MultiPolygon, cubes: Cubes, points: FloatArray
-) -> _Ground:
-    """Return the surface of an area: heights, gaps, rim and noise."""
-    heights = cell_heights(cubes, Window(*polygon.bounds))
-    parts = polygons_of(polygon)
-    require_plain_outline(parts, heights.window.cell)
-    fraction = cell_fractions(polygon, heights.window)
-    require_fine(heights, fraction, cubes.factor**2)
-    coverage = support(heights.places, fraction)
-    if coverage < LEAST_SUPPORT:
-        raise SupportError(why_unsupported(cubes, heights, fraction, coverage, LEAST_SUPPORT))
-    size = np.sqrt(fraction.sum())
-    reach = max(_LEAST_REACH_CELLS, round(float(_REACH * size)))
-    # The slopes of smoothed heights reach two cells further than the area.
-    needed = ndimage.binary_dilation(fraction > 0, iterations=2)
-    filled = fill_gaps(heights.z, reach, needed)
-    return _Ground(
-        name,
-        polygon,
-        parts,
-        heights,
-        filled,
-        fraction,
-        sample_rim(parts, heights, fraction),
-        measure_noise(heights.z, heights.places, filled, fraction),
-        coverage,
-        points,
-    )
-
-
-def _measure(ground: _Ground, base_name: Union[str, float], recipe: Recipe) -> Measured:
+def _on_base(
+    name: str,
+    base_name: Union[str, float],
+    surface: AreaSurface,
+    points: AreaPoints,
+    recipe: TerrainRecipe,
+) -> Measured:
     """Return the result of one area on one base."""
-    said: list[str] = []
-    rim = ground.rim
-    if rim is None and isinstance(base_name, str):
-        raise SupportError(
-            f"no points lie near the outline of the area, where the base '{base_name}' would take "
-            "its height; give the base as an elevation (--base 123.4) or draw the area closer"
-        )
-    window, inside = ground.heights.window, ground.fraction > 0
+    rim = surface.rim
+    crossings: list[Crossing] = []
     if base_name == "triangulate" and rim is not None:
-        rim, said = bridge_crossings(rim, recipe.ground_factor)
-    base = make_base(base_name, rim, ground.parts, window, inside)
-    r = np.where(inside, ground.filled - base.z, np.nan)
-    a = ground.fraction * (window.cell / recipe.ground_factor) ** 2
-    known = inside & np.isfinite(r)
-    above = above_mask(r, a, ground.noise.cell)
-    surface = Surface(
-        r,
-        a,
-        ground.heights.z,
-        ground.filled,
-        window.cell / recipe.ground_factor,
-        above,
+        rim, crossings = bridge_crossings(rim)
+    base = make_base(base_name, rim, surface.parts, surface.heights.window, surface.inside)
+    r = np.where(surface.inside, surface.filled - base.z, np.nan)
+    volume = CutFill(surface, base, r, above_mask(r, surface.a, surface.noise.cell))
+    lost = surface.fraction[surface.inside & ~np.isfinite(surface.filled)].sum()
+    findings = Findings(
+        crossings=tuple((height, length / recipe.ground_factor) for height, length in crossings),
+        lost_m2=float(lost) * surface.cell**2,
+        unsupported_rim=0.0 if base.rim is None else 1.0 - base.rim.supported,
+        relief_m=rim_relief(base.followed, surface.noise, smooth=False),
     )
-    budget = [] if recipe.brief else error_budget(surface, base, rim, ground.noise)
-    edges = slab_edges(
-        float(r[known].min()), float(r[known].max()), recipe.slices, recipe.slice_height
+    return Measured(_result(name, volume, points, recipe), findings)
+
+
+def _result(name: str, volume: CutFill, points: AreaPoints, recipe: TerrainRecipe) -> AreaResult:
+    """Return the complete result, without warnings."""
+    surface, inside, factor = volume.surface, volume.surface.inside, recipe.ground_factor
+    known, cut_cells, fill_cells = volume.sides
+    r, a = volume.r[known], surface.a[known]
+    count = np.where(inside, surface.heights.count, 0)
+    each = surface.a * np.nan_to_num(volume.r)
+    cut, fill = float(each[cut_cells].sum()), -float(each[fill_cells].sum())
+    budget = [] if recipe.brief else error_budget(volume)
+    std, cut_std, fill_std = (
+        float(np.sqrt(sum(getattr(item, column) ** 2 for item in budget)))
+        for column in ("std_m3", "cut_std_m3", "fill_std_m3")
     )
-    slices = integrate_slices(
-        r[known], a[known], above[known], np.where(a > 0, ground.heights.count, 0)[known], edges
-    )
-    cut = float((a * np.nan_to_num(r))[known & above].sum())
-    fill = -float((a * np.nan_to_num(r))[known & ~above].sum())
-    result = _result(ground, base, surface, budget, cut, fill, recipe)
+    edges = slab_edges(float(r.min()), float(r.max()), recipe.slices, recipe.slice_height)
     even = np.allclose(np.diff(edges), edges[1] - edges[0], rtol=1e-6)
-    result = replace(
-        result,
-        slices=tuple(slices),
-        slice_height_m=float(edges[1] - edges[0]) if even else None,
-        checks=_checks(ground, base, surface, budget, recipe),
-    )
-    return Measured(result, _doubts(ground, base, rim, surface.cell, said))
-
-
-def _checks(
-    ground: _Ground, base: Base, surface: Surface, budget: Sequence[BudgetItem], recipe: Recipe
-) -> tuple[Check, ...]:
-    """Return the check by a TIN, which needs a rim of its own whatever the base."""
-    if ground.rim is None:
-        return ()
-    below_m3 = float((surface.a * np.nan_to_num(base.z)).sum())
-    return tin_check(
-        ground.points,
-        ground.polygon,
-        ground.rim,
-        ground.heights,
-        surface,
-        ground.noise,
-        None if recipe.brief else budget,
-        below_m3,
-        recipe.ground_factor,
-    )
-
-
-def _doubts(
-    ground: _Ground, base: Base, rim: Rim | None, cell: float, said: Sequence[str]
-) -> Doubts:
-    """Return what there is to say of an area on a base."""
-    lost = ground.fraction[(ground.fraction > 0) & ~np.isfinite(ground.filled)].sum()
-    through_rim = rim is not None and isinstance(base.name, str)
-    plain = rim is not None and base.name in ("triangulate", "plane")
-    return Doubts(
-        crossings=tuple(said),
-        lost_m2=float(lost) * cell**2,
-        bare=1.0 - rim.supported if rim is not None and through_rim else 0.0,
-        relief_m=rim_relief(rim, ground.noise, smooth=False) if rim is not None and plain else 0.0,
-    )
-
-
-def _result(
-    ground: _Ground,
-    base: Base,
-    surface: Surface,
-    budget: Sequence[BudgetItem],
-    cut: float,
-    fill: float,
-    recipe: Recipe,
-) -> AreaResult:
-    """Return the result without its slices and checks."""
-    r, window = surface.r, ground.heights.window
-    inside = ground.fraction > 0
     elevation = surface.filled[inside & np.isfinite(surface.filled)]
-    std = [float(np.sqrt(sum(getattr(item, f) ** 2 for item in budget))) for f in _COLUMNS]
     return AreaResult(
-        name=ground.name,
+        name=name,
         volume_m3=cut - fill,
         cut_m3=cut,
         fill_m3=fill,
-        std_m3=std[0],
-        cut_std_m3=std[1],
-        fill_std_m3=std[2],
+        std_m3=std,
+        cut_std_m3=cut_std,
+        fill_std_m3=fill_std,
         budget=tuple(budget),
-        area_m2=float(ground.polygon.area / recipe.ground_factor**2),
-        surface_area_m2=_surface_area(surface, inside),
-        perimeter_m=float(ground.polygon.length / recipe.ground_factor),
+        area_m2=float(surface.polygon.area / factor**2),
+        surface_area_m2=_surface_area(surface),
+        perimeter_m=float(surface.polygon.length / factor),
         min_z_m=float(elevation.min()),
         max_z_m=float(elevation.max()),
-        max_height_m=float(np.nanmax(np.abs(r))),
-        coverage=ground.coverage,
-        points_used=int(ground.heights.count[inside].sum()),
-        points_left_out={"stray": int(ground.heights.strays[inside].sum())},
-        slice_height_m=None,
-        slices=(),
-        base=base.name,
+        max_height_m=float(np.nanmax(np.abs(volume.r))),
+        coverage=surface.coverage,
+        points_used=int(count.sum()),
+        points_left_out={"stray": int(surface.heights.outliers[inside].sum())},
+        slice_height_m=float(edges[1] - edges[0]) if even else None,
+        slices=tuple(integrate_slices(r, a, volume.above[known], count[known], edges)),
+        base=volume.base.name,
         cell_m=surface.cell,
-        relief=Relief(
-            window.min_x,
-            window.min_y,
-            window.cell,
-            ground.filled,
-            r,
-            ground.fraction,
-            np.isfinite(ground.heights.z),
-            ground.polygon.wkb,
-        ),
+        checks=tin_check(points.sample, volume, None if recipe.brief else budget),
+        relief=_relief(volume, points),
     )
 
 
-_COLUMNS = ("std_m3", "cut_std_m3", "fill_std_m3")
+def _relief(volume: CutFill, points: AreaPoints) -> Relief:
+    """Return what pictures are drawn from, in the frame."""
+    surface, window = volume.surface, volume.surface.heights.window
+    return Relief(
+        window.min_x + points.origin[0],
+        window.min_y + points.origin[1],
+        window.cell,
+        surface.filled,
+        volume.r,
+        surface.fraction,
+        surface.measured,
+        points.to_frame(surface.polygon).wkb,
+    )
 
 
-def _surface_area(surface: Surface, inside: _BOOLS) -> float:
+def _surface_area(surface: AreaSurface) -> float:
     """Return the area along the slopes of the surface smoothed over 3 x 3 cells."""
     z = surface.filled
     known = np.isfinite(z)
@@ -279,5 +163,5 @@ def _surface_area(surface: Surface, inside: _BOOLS) -> float:
     )
     smooth = total / np.maximum(count, 1e-9)
     down, right = np.gradient(smooth, surface.cell)
-    slope = np.where(known & inside, np.sqrt(1.0 + down**2 + right**2), 1.0)
+    slope = np.where(known & surface.inside, np.sqrt(1.0 + down**2 + right**2), 1.0)
     return float((surface.a * slope).sum())

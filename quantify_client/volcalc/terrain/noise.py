@@ -1,12 +1,13 @@
-"""How far cell heights stray from the ground, and over what distance they stray together.
+"""The noise of cell heights: how large it is, over what distance it is correlated, what it does.
 
-Photogrammetric errors are neighbours' errors: a volume's error falls much more slowly with the
-number of points than for independent ones. Blocks of growing size are compared with their
-neighbours by differences in both directions at once, which terrain hardly enters (planes, cylinders
-and whatever else is f(x) + g(y) give zero), and robustly, so that edges do not count: by first
-differences on the ground around the area, by second ones where there is too little of that. How
-the spread falls with the block size tells independent noise (as 1 / size) from correlated noise
-(it stays until the blocks are larger than the correlation length).
+Photogrammetric errors are correlated between neighbours: the error of a volume falls much more
+slowly with the number of points than that of independent errors would. Means of blocks of growing
+size are compared with their neighbours by differences in both directions at once. Terrain hardly
+enters these: planes, cylinders and any other f(x) + g(y) give zero. They are first differences on
+the ground around the area, and second differences where there is too little of it. Their spread is
+estimated robustly, so that edges do not count. How it falls with the block size separates
+independent noise (as 1 / size) from correlated noise (constant until the blocks are larger than
+the correlation length).
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from scipy import ndimage, optimize
+from scipy import ndimage
 
 from ...types import FloatArray
 from .robust import quantile
@@ -27,33 +28,33 @@ __all__ = ["Noise", "functional_std", "measure_noise", "sampled_std"]
 #: independent values of variance 1.
 _AUTOCORRELATION = {1: (2.0, -2.0), 2: (6.0, -8.0, 2.0)}
 
-#: The spread is read from this quantile of the absolute differences, below the median since the
-#: largest come from the shape of the ground; and what it is for a standard normal deviate.
+#: The spread is taken from this quantile of the absolute differences, below the median because the
+#: largest come from the shape of the ground; and its value for a standard normal variable.
 _QUANTILE = 1.0 / 3.0
 _NORMAL_QUANTILE = 0.43072729929545744
 
-#: Correlation lengths below this, in cells, are as good as none.
+#: Shortest correlation length that is tried, in cells; shorter ones look like none.
 _SHORTEST = 0.7
 
 _BLOCKS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
 
-#: A block size needs this many differences to be heard.
+#: A block size is used when there are this many independent differences of it.
 _LEAST_DIFFERENCES = 12
 
-#: Larger blocks see the shape of what is measured, not its noise: this many fit along each side.
+#: This many blocks fit along each side: larger ones show the ground's shape, not its noise.
 _LEAST_BLOCKS = 10
 
-#: Differences of single cells around the area that make the ground there sufficient.
+#: Differences of single cells around the area that are enough to measure the noise there.
 _ENOUGH_AROUND = 400
 
-#: The band inside the rim that serves where there is nothing outside, in cells.
+#: Width of the band inside the rim that is used where there is nothing outside, in cells.
 _BAND_CELLS = 16
 
-#: Neighbouring differences share blocks, and a quantile is a wasteful estimate: this many, by their
-#: order, tell as much as makes a variance good to one standard deviation.
-_DIFFERENCES_PER_VOICE = {1: 12.0, 2: 20.0}
+#: Differences per degree of freedom of a variance, by their order: neighbouring differences share
+#: blocks, and a quantile is an inefficient estimate.
+_DIFFERENCES_PER_DEGREE = {1: 12.0, 2: 20.0}
 
-#: Correlation is only believed when it explains the blocks better by this much (chi-square).
+#: Correlation is accepted only where it lowers chi-square by more than this.
 _CONVINCING = 6.0
 
 _ROUNDS = 4
@@ -70,7 +71,7 @@ _COARSE_SIDE = 160
 
 @dataclass(frozen=True)
 class Noise:
-    """Errors of cell heights: independent ones plus Gaussian-correlated ones.
+    """Standard deviations of cell heights: independent errors plus Gaussian-correlated ones.
 
     The covariance of two cells h apart is correlated**2 * exp(-h**2 / (2 * length**2)).
 
@@ -100,45 +101,46 @@ def measure_noise(
     z : (ny, nx) float64, metres; NaN where no points are.
     count : (ny, nx) points of each cell, repetitions not counted.
     filled : `z` with its gaps closed.
-    fraction : (ny, nx) share of each cell inside the area. The ground outside is less shaped
-        than what is measured, and where there is enough of it, it tells the noise.
+    fraction : (ny, nx) share of each cell inside the area. The ground outside has less shape than
+        what is measured, so the noise is measured there where there is enough of it.
     """
     ground, order = _ground_around(z, fraction)
-    observed, voices = _spreads(ground, order)
+    observed, degrees = _variances(ground, order)
     independent, correlated, length = 0.0, 0.0, 1.0
     if len(observed):
-        independent, correlated, length = _fit(observed, np.sqrt(voices), order)
+        independent, correlated, length = _fit(observed, np.sqrt(degrees), order)
     each, point = _cell_sigma(independent, z, count, filled)
     return Noise(independent, correlated, length, each, point)
 
 
 def _ground_around(z: FloatArray, fraction: FloatArray) -> tuple[FloatArray, int]:
-    """Return the heights that tell the noise, NaN elsewhere, and the order of differences for them.
+    """Return the heights to measure the noise on, NaN elsewhere, and the order of differences.
 
-    First the ground outside the area; where the cloud ends at the area, a band inside its rim;
-    and the whole of an area that is all rim.
+    First choice is the ground outside the area; where the cloud ends at the area, a band inside
+    its rim; else all of it, by second differences.
     """
     outside = np.where(fraction > 0, np.nan, z)
     if _squares(outside) >= _ENOUGH_AROUND:
         return outside, 1
     depth = ndimage.distance_transform_edt(np.pad(fraction > 0, 1))[1:-1, 1:-1]
     band = np.where(depth > _BAND_CELLS, np.nan, z)
-    if _squares(band) >= _ENOUGH_AROUND:
-        return band, 1
-    return z, 2
+    return (band, 1) if _squares(band) >= _ENOUGH_AROUND else (z, 2)
 
 
 def _squares(z: FloatArray) -> int:
-    """Return the number of squares of four known cells, each good for a mixed difference."""
+    """Return the number of squares of four known cells, each of which gives a mixed difference."""
     known = np.isfinite(z)
     pairs = known[1:] & known[:-1]
     return int(np.count_nonzero(pairs[:, 1:] & pairs[:, :-1]))
 
 
-def _spreads(z: FloatArray, order: int) -> tuple[FloatArray, FloatArray]:
-    """Return the variances of mixed differences of the first `_BLOCKS`, and their voices."""
+def _variances(z: FloatArray, order: int) -> tuple[FloatArray, FloatArray]:
+    """Return the variances of mixed differences of the first `_BLOCKS`, and degrees of freedom.
+
+    A variance scatters about its true value v by v / sqrt(degrees of freedom).
+    """
     running = _running_sums(z)
-    variances, voices = [], []
+    variances, degrees = [], []
     for size in _BLOCKS:
         stride = max(1, size // 2)
         if min(z.shape) < _LEAST_BLOCKS * size:
@@ -149,8 +151,8 @@ def _spreads(z: FloatArray, order: int) -> tuple[FloatArray, FloatArray]:
             break
         spread = max(quantile(differences, _QUANTILE) / _NORMAL_QUANTILE, 1e-12)
         variances.append(spread**2)
-        voices.append(independent / _DIFFERENCES_PER_VOICE[order])
-    return np.array(variances), np.array(voices)
+        degrees.append(independent / _DIFFERENCES_PER_DEGREE[order])
+    return np.array(variances), np.array(degrees)
 
 
 def _cell_sigma(
@@ -159,10 +161,10 @@ def _cell_sigma(
     count: FloatArray,
     filled: FloatArray,
 ) -> tuple[FloatArray, float]:
-    """Return each cell's independent standard deviation, and that of a point.
+    """Return each cell's independent standard deviation, and that of a single point.
 
-    The n points of a sloping cell lie about its middle by chance: their mean height is off by
-    slope * cell / sqrt(12 n). What the differences saw is the sum of both over typical ground.
+    The n points of a sloping cell lie about its middle by chance, so that their mean height is off
+    by slope * cell / sqrt(12 n). The differences measured the sum of both over typical ground.
     """
     known = np.isfinite(z)
     if not known.any():
@@ -175,7 +177,7 @@ def _cell_sigma(
 
 
 def _running_sums(z: FloatArray) -> FloatArray:
-    """Return known cells and their heights, summed from the first corner: (2, ny + 1, nx + 1)."""
+    """Return running sums of known cells and of their heights, (2, ny + 1, nx + 1)."""
     known = np.isfinite(z)
     cells = np.zeros((2, z.shape[0] + 1, z.shape[1] + 1))
     cells[0, 1:, 1:] = known
@@ -186,8 +188,8 @@ def _running_sums(z: FloatArray) -> FloatArray:
 def _mixed_differences(running: FloatArray, size: int, stride: int, order: int) -> FloatArray:
     """Return differences down the columns of differences along the rows of block means.
 
-    Blocks of size x size cells start every `stride` cells; the blocks of one difference lie side
-    by side. A block counts when more than half of its cells are known.
+    Blocks of size x size cells start every `stride` cells; the blocks of one difference are
+    adjacent. A block counts when more than half of its cells are known.
     """
     rows = running[:, size::stride] - running[:, :-size:stride]
     count, total = rows[:, :, size::stride] - rows[:, :, :-size:stride]
@@ -201,28 +203,32 @@ def _mixed_differences(running: FloatArray, size: int, stride: int, order: int) 
 
 
 def _block_correlation(size: int, length: float, lags: int) -> FloatArray:
-    """Return the mean of exp(-h^2 / 2 length^2) between two rows of `size` cells, per lag."""
+    """Return, for each lag, the mean of exp(-h^2 / 2 length^2) between two rows of `size` cells."""
     step = np.arange(-(size - 1), size)
     share = (size - np.abs(step)) / size**2
     distance = size * np.arange(lags)[:, None] + step
     return np.asarray((np.exp(-(distance**2) / (2 * length**2)) * share).sum(axis=1))
 
 
-def _fit(observed: FloatArray, voice: FloatArray, order: int) -> tuple[float, float, float]:
+def _fit(observed: FloatArray, root: FloatArray, order: int) -> tuple[float, float, float]:
     """Return independent, correlated and length that best explain the variances of `_BLOCKS`.
 
-    On the ground around, whatever is not independent counts as correlated: to the base it is an
-    error all the same. On the area itself (second differences), what grows with the block size is
-    its shape, and no correlation can be told from it.
+    On the ground around the area, whatever is not independent counts as correlated: to the base it
+    is an error either way. On the area itself (second differences), what grows with the block size
+    is its shape, and no correlation can be separated from it.
+
+    Parameters
+    ----------
+    observed, root : (S,) variances, and the square roots of their degrees of freedom.
     """
     block = np.array(_BLOCKS[: len(observed)], dtype=np.float64)
     white = _AUTOCORRELATION[order][0] ** 2 / block**2
     if order == 2:
-        shares, _ = _explain(np.stack([white, block**2, block**4])[:, None], observed, voice)
+        shares, _ = _explain(np.stack([white, block**2, block**4])[:, None], observed, root)
         return float(np.sqrt(shares[0, 0])), 0.0, 1.0
     lengths, together = _trials(len(block))
     columns = np.stack([np.broadcast_to(white, together.shape), together])
-    shares, misfit = _explain(columns, observed, voice)
+    shares, misfit = _explain(columns, observed, root)
     misfit[0] -= _CONVINCING
     best = int(np.argmin(misfit))
     independent, correlated = np.sqrt(shares[:, best])
@@ -231,9 +237,9 @@ def _fit(observed: FloatArray, voice: FloatArray, order: int) -> tuple[float, fl
 
 @cache
 def _trials(count: int) -> tuple[FloatArray, FloatArray]:
-    """Return trial lengths and (T, count) what correlated noise of variance 1 adds to `_BLOCKS`.
+    """Return trial lengths (T,), and what correlated noise of variance 1 adds to `_BLOCKS`.
 
-    The first trial is that there is none.
+    The latter is (T, count). The first trial is that there is none.
     """
     sizes = _BLOCKS[:count]
     lengths = np.geomspace(_SHORTEST, max(1.0, 1.5 * sizes[-1]), _TRIALS)
@@ -243,11 +249,11 @@ def _trials(count: int) -> tuple[FloatArray, FloatArray]:
 
 
 def _explain(
-    columns: FloatArray, observed: FloatArray, voice: FloatArray
+    columns: FloatArray, observed: FloatArray, root: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the non-negative shares of the columns in the observed variances, and chi-square.
 
-    An observed variance scatters in proportion to the true one, so the weights follow the fit.
+    An observed variance scatters in proportion to the true one: the weights follow the fit.
 
     Parameters
     ----------
@@ -255,25 +261,27 @@ def _explain(
     """
     expected = np.broadcast_to(observed, columns.shape[1:])
     for _ in range(_ROUNDS):
-        weight = voice / expected
+        weight = root / expected
         shares = _non_negative(columns * weight, observed * weight)
         expected = np.maximum((columns * shares[:, :, None]).sum(axis=0), 1e-3 * observed)
-    return shares, (((observed - expected) / expected * voice) ** 2).sum(axis=1)
+    return shares, (((observed - expected) / expected * root) ** 2).sum(axis=1)
 
 
 def _non_negative(columns: FloatArray, right: FloatArray) -> FloatArray:
     """Return the non-negative least-squares shares (C, T) of each trial's columns in its right."""
     if len(columns) != 2:
+        from scipy.optimize import nnls  # late: it takes as long as measuring a small cloud
+
         norm = np.sqrt((columns**2).sum(axis=2))
         each = zip((columns / norm[:, :, None]).transpose(1, 2, 0), right)
-        shares = np.array([optimize.nnls(matrix, values)[0] for matrix, values in each])
+        shares = np.array([nnls(matrix, values)[0] for matrix, values in each])
         return np.asarray(shares.T / norm)
     a, b = columns
     aa, ab, bb = (a * a).sum(axis=1), (a * b).sum(axis=1), (b * b).sum(axis=1)
     ar, br = (a * right).sum(axis=1), (b * right).sum(axis=1)
     free = aa * bb - ab**2
     first, second = bb * ar - ab * br, aa * br - ab * ar
-    # Nothing here is negative but the shares, and of these one at most: the other stands alone.
+    # All sums are positive, so that one share at most is negative: the other then stands alone.
     only_a = (second <= 0) | (free <= _PARALLEL * aa * bb)
     only_b = ~only_a & (first <= 0)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -298,9 +306,9 @@ def functional_std(weights: FloatArray, noise: Noise) -> FloatArray:
 def sampled_std(points: FloatArray, cells: FloatArray, count: FloatArray, noise: Noise) -> float:
     """Return the standard deviation of sum(points * p) + sum(cells * z) under the noise.
 
-    p is a single point of each cell, z the mean height of its n points, that one among them: the
-    covariance of the two is the point's variance / n. What a cell's mean owes to where its points
-    lie on a slope a point where it lies does not have. Correlated errors are those of the place.
+    p is a single point of each cell, and z the mean height of its n points, p among them: their
+    covariance is the variance of p over n. The part of a mean's error that comes from where the
+    points lie on a slope is not an error of p. Correlated errors are the same for both.
 
     Parameters
     ----------
@@ -330,11 +338,9 @@ def _correlated_sums(weights: FloatArray, length: float) -> FloatArray:
 
 
 def _without_zero_margins(weights: FloatArray) -> FloatArray:
-    some = (weights != 0).any(axis=0)
-    rows, columns = np.flatnonzero(some.any(axis=1)), np.flatnonzero(some.any(axis=0))
-    if not len(rows):
-        return weights[:, :1, :1]
-    return weights[:, rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    found = ndimage.find_objects((weights != 0).any(axis=0).astype(np.int8))
+    rows, columns = found[0] if found else (slice(1), slice(1))
+    return weights[:, rows, columns]
 
 
 def _block_sums(values: FloatArray, size: int) -> FloatArray:

@@ -6,37 +6,37 @@ from dataclasses import dataclass
 from typing import Sequence
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 from scipy import ndimage
 from shapely.geometry import MultiPolygon, Polygon
 
 from ...errors import SupportError
 from ...types import FloatArray, IntArray, Window
+from .accumulate import AreaPoints
 from .grid import CellWindow
 from .heights import cell_heights, fit_cells
 from .histogram import Cubes
 
-__all__ = ["Outline", "cloud_outline", "core_window", "height_quantiles"]
+__all__ = ["CloudOutline", "cloud_outline", "core_window", "height_quantiles"]
 
-#: Gaps in the outline up to twice this many cells are closed.
+#: Gaps in the outline of up to twice this many cells are closed.
 _CLOSING = 2
 
 #: The core of a cloud is where all but this share of the points lie, along x and along y, and as
 #: much again on each side.
 _FRINGE = 0.001
 
-#: Of a small cloud that share is no whole point: then so many points, and no more than this share.
+#: In a small cloud that share is less than a point: then so many points, up to this share.
 _FEW = 2.5
 _MOST_FRINGE = 0.05
 
-#: Where most occupied cubes hold more points than this, and nearly all points touch each other
-#: within so small a share of the box, the others are strays however many there are.
+#: Where occupied columns of cubes hold more points than this on average, and nearly all points
+#: touch each other within so small a share of the box, the others are outliers however many.
 _CROWDED = 16
 _NEARLY_ALL = 0.95
 _SMALL = 0.01
 
-#: Points of a cube that count where a dense object must not outweigh the ground around it.
+#: Points of a cube that count, at most, where a dense object must not outweigh the ground around.
 _PLENTY = 16
 
 #: Points within this many cells of the outline are its edge.
@@ -47,15 +47,22 @@ _LEAST_ISLAND = 0.02
 
 
 @dataclass(frozen=True)
-class Outline:
-    """The polygon of a whole cloud, and the shares of the points outside it: clearly, and all."""
+class CloudOutline:
+    """The outline of a whole cloud.
+
+    Attributes
+    ----------
+    polygon : from the local origin of the points.
+    away : share of the points that lie clearly outside it.
+    outside : share of the points outside it, those just beyond its edge included.
+    """
 
     polygon: Polygon | MultiPolygon
     away: float
     outside: float
 
 
-def cloud_outline(cubes: Cubes, bounds: Window) -> Outline:
+def cloud_outline(points: AreaPoints) -> CloudOutline:
     """Return the polygon of the cells that the cloud covers, holes closed, edge cells left out.
 
     Raises
@@ -63,67 +70,65 @@ def cloud_outline(cubes: Cubes, bounds: Window) -> Outline:
     SupportError
         When no cells touch each other.
     """
-    cubes = fit_cells(cubes, bounds)
-    heights = cell_heights(cubes, bounds)
+    bounds = points.box.shifted(-points.box.min_x, -points.box.min_y)
+    heights = cell_heights(fit_cells(points.cubes, bounds), bounds)
     ring = ndimage.generate_binary_structure(2, 1)
     covered = ndimage.binary_closing(heights.count > 0, ring, iterations=_CLOSING)
     covered = ndimage.binary_erosion(ndimage.binary_fill_holes(covered), ring)
     label, number = ndimage.label(covered)
     if not number:
         raise SupportError(
-            "the points lie too scattered to form a surface; draw an area (--area) or reconstruct "
+            "the points are too scattered to form a surface; draw an area (--area) or reconstruct "
             "at a higher quality"
         )
     sizes = ndimage.sum_labels(covered, label, np.arange(1, number + 1))
     large = np.flatnonzero(sizes >= _LEAST_ISLAND * sizes.max()) + 1
     kept = np.isin(label, large)
-    rows, starts, ends = _runs(kept)
     cell, window = heights.window.cell, heights.window
-    left, right = window.first_x + starts, window.first_x + ends
+    # Runs of cells along the rows.
+    step = np.diff(np.pad(kept.astype(np.int8), ((0, 0), (1, 1))), axis=1)
+    rows, starts = np.nonzero(step == 1)
+    left, right = window.first_x + starts, window.first_x + np.nonzero(step == -1)[1]
     bottom = window.first_y + rows
     boxes = shapely.box(left * cell, bottom * cell, right * cell, (bottom + 1) * cell)
     # Rows share corners computed from the same whole numbers, so the union has no slivers.
     near = ndimage.binary_dilation(kept, ring, iterations=_EDGE)
-    points = heights.count + heights.strays
-    total = max(int(points.sum()), 1)
-    away, outside = (float(1.0 - points[cells].sum() / total) for cells in (near, kept))
-    return Outline(shapely.union_all(boxes), away, outside)
+    count = heights.count + heights.outliers
+    total = max(int(count.sum()), 1)
+    away, outside = (float(1.0 - count[cells].sum() / total) for cells in (near, kept))
+    return CloudOutline(shapely.union_all(boxes), away, outside)
 
 
-def core_window(cubes: Cubes, bounds: Window | None = None) -> Window | None:
-    """Return the box of the occupied cells, without those far from where nearly all points are.
+def core_window(points: AreaPoints, bounds: Window | None = None) -> Window | None:
+    """Return the box, in the frame, of the occupied cubes near nearly all points.
 
-    A single point a thousand kilometres away makes the box of all points, and with it the cells,
-    useless.
+    A single point a thousand kilometres away makes the box of all points useless, and with it the
+    cells.
 
     Parameters
     ----------
-    bounds : only cells that touch it count, dense ones no more than others; None for all.
+    bounds : from the local origin; only cubes that touch it count, dense ones no more than others.
+        None for all.
 
     Returns
     -------
     None without any points.
     """
+    cubes = points.cubes
     column, row, count = cubes.column, cubes.row, cubes.count
     if bounds is not None:
         near = CellWindow.around(bounds, cubes.cell, 0)
-        within = (column >= near.first_x) & (column < near.first_x + near.nx)
-        within &= (row >= near.first_y) & (row < near.first_y + near.ny)
+        within = near.holds(row - near.first_y, column - near.first_x)
         column, row, count = column[within], row[within], np.minimum(count[within], _PLENTY)
     if not len(column):
         return None
     cluster = _cluster(column, row, count) if bounds is None else None
-    sides = cluster or [_core(index, count) for index in (column, row)]
-    inside = np.ones(len(column), dtype=bool)
-    for index, (low, high) in zip((column, row), sides):
-        inside &= (index >= low) & (index <= high)
+    (left, right), (bottom, top) = cluster or [_core(index, count) for index in (column, row)]
+    inside = (column >= left) & (column <= right) & (row >= bottom) & (row <= top)
     column, row = column[inside], row[inside]
-    return Window(
-        float(column.min() * cubes.cell),
-        float(row.min() * cubes.cell),
-        float((column.max() + 1) * cubes.cell),
-        float((row.max() + 1) * cubes.cell),
-    )
+    low_x, low_y = (float(index.min() * cubes.cell) for index in (column, row))
+    high_x, high_y = (float((index.max() + 1) * cubes.cell) for index in (column, row))
+    return Window(low_x, low_y, high_x, high_y).shifted(*points.origin)
 
 
 def _cluster(column: IntArray, row: IntArray, count: IntArray) -> list[tuple[float, float]] | None:
@@ -151,9 +156,9 @@ def _cluster(column: IntArray, row: IntArray, count: IntArray) -> list[tuple[flo
 
 
 def height_quantiles(cubes: Cubes, shares: Sequence[float]) -> list[float]:
-    """Return heights below which these shares of the points lie, to half a cube.
+    """Return the heights below which these shares of the points lie, metres, to half a cube.
 
-    Metres; 0 without points.
+    They are 0 without points.
     """
     if not len(cubes.bin):
         return [0.0] * len(shares)
@@ -172,11 +177,3 @@ def _core(index: IntArray, count: IntArray) -> tuple[float, float]:
     low, high = index[order][np.searchsorted(running, [fringe, 1 - fringe])].tolist()
     room = high - low + 1
     return low - room, high + room
-
-
-def _runs(mask: npt.NDArray[np.bool_]) -> tuple[IntArray, IntArray, IntArray]:
-    """Return row, first and past-the-end column of each horizontal run."""
-    step = np.diff(np.pad(mask.astype(np.int8), ((0, 0), (1, 1))), axis=1)
-    rows, starts = np.nonzero(step == 1)
-    _, ends = np.nonzero(step == -1)
-    return rows, starts, ends

@@ -1,9 +1,15 @@
-"""The rim of an area: points along its outer rings, each with a robust height of the ground."""
+"""The rim of an area: points along its outline, each with a robust height of the ground there.
+
+What lies under a pile cannot be seen, but the ground around it can. Base surfaces are drawn
+through these heights, and each of them is a known linear combination of cell heights, so that
+their errors can be propagated. Where the outline crosses a channel or a ridge, the heights are
+interpolated straight across.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -15,47 +21,61 @@ from shapely.geometry import LinearRing, Polygon
 from ...errors import SupportError
 from ...types import FloatArray, IntArray
 from .heights import CellHeights
+from .robust import MAD, plane_residuals, quantile, robust_plane_weights
 
-__all__ = ["Rim", "interpolation_along", "require_plain_outline", "sample_rim"]
+__all__ = [
+    "Crossing",
+    "Rim",
+    "bridge_crossings",
+    "interpolation_along",
+    "require_plain_outline",
+    "sample_rim",
+]
 
 #: Heights are taken from cells whose middles are within this many cells of the rim point.
 _RADIUS_CELLS = 4.5
 
-#: The ground outside the polygon is what the base continues; with fewer outside cells than this
-#: (the cloud ends there) those inside serve too.
+#: The base continues the ground outside the polygon. With fewer outside cells than this (the cloud
+#: ends there) those inside are used too.
 _ENOUGH_OUTSIDE = 8
 
-_TUKEY = 4.685
-_ROUNDS = 5
-
-#: Points this share inside a segment's circle are its ends.
+#: Points inside a segment's circle by less than this share are its ends.
 _IN_CIRCLE = 1e-9
 
-#: Times that ring segments missing from a Delaunay triangulation are halved, while there are no
-#: more points than this.
+#: Times that ring segments missing from a Delaunay triangulation are halved, at most.
 _MAX_SPLITS = 12
 
 #: Points around an area, at most. A road of 10 km in cells of a decimetre has fewer; an outline
-#: that needs more goes to and fro within the same cells.
+#: that needs more goes back and forth within the same cells.
 MOST_POINTS = 250_000
 
-#: Metres of outline in each cell that it touches, at most, in cells. A raster's steps have two,
-#: and what is drawn freely hardly more; a comb costs more than its area can need.
+#: Length of outline in each cell that it touches, at most, in cells. The steps of a raster have
+#: two, and an outline drawn by hand hardly more; a comb costs more than its area can need.
 _MOST_FOLDS = 8
 
-#: Of an outline with very many corners, bends of less than this share of a cell are left out.
+#: Bends of less than this share of a cell are left out of an outline with very many corners.
 _FINEST = 0.05
 
-#: Rim points whose planes are fitted at a time: what bounds the memory.
+#: Rim points whose planes are fitted at a time: the bound on memory.
 _AT_ONCE = 8_192
 
 #: A part without any points takes the mean of so many rim points of the others.
 _MEAN_OF = 64
 
+#: A crossing departs from the rim's plane by this many robust standard deviations, and where it is
+#: deepest by twice as many.
+_DEPARTURE = 6.0
+
+#: A single crossing takes at most this share of its ring, and all crossings together this.
+_LONGEST = 0.15
+_LONGEST_TOGETHER = 0.3
+
+_PLANE_ROUNDS = 8
+
 
 @dataclass(frozen=True)
 class Rim:
-    """Points along the outer rings, and how their heights come from the cells.
+    """Points along the outer rings of an area, and how their heights come from the cells.
 
     Attributes
     ----------
@@ -76,12 +96,19 @@ class Rim:
     supported: float
 
 
+class Crossing(NamedTuple):
+    """A stretch of the outline across a channel (negative height) or a ridge, metres."""
+
+    height: float
+    length: float
+
+
 def sample_rim(parts: Sequence[Polygon], heights: CellHeights, fraction: FloatArray) -> Rim | None:
     """Return the rim of the polygons' outer rings, or None where no part of it has points near.
 
-    Each height is that of a plane fitted to the measured cells around the rim point, at the
-    point; those outside the polygon are preferred, and strays lose their weight (Tukey's
-    biweight). Points without cells take the height between their neighbours along the ring.
+    Each height is that of a plane fitted robustly to the measured cells around the rim point,
+    preferably those outside the polygon. Points without cells take the height interpolated
+    between their neighbours along the ring.
 
     Parameters
     ----------
@@ -89,15 +116,9 @@ def sample_rim(parts: Sequence[Polygon], heights: CellHeights, fraction: FloatAr
     heights : of a window around them.
     fraction : (ny, nx) share of each cell inside the area.
     """
-    xs, ys, lengths, part = [], [], [], []
-    for number, polygon in enumerate(parts):
-        x, y = _dense_ring(polygon, heights.window.cell)
-        ahead = np.hypot(np.roll(x, -1) - x, np.roll(y, -1) - y)
-        xs.append(x)
-        ys.append(y)
-        lengths.append((ahead + np.roll(ahead, 1)) / 2)
-        part.append(np.full(len(x), number))
-    x, y, ring = np.concatenate(xs), np.concatenate(ys), np.concatenate(part)
+    rings = [_dense_ring(polygon, heights.window.cell) for polygon in parts]
+    ring = np.repeat(np.arange(len(rings)), [len(points) for points in rings])
+    x, y = np.concatenate(rings).T.copy()
     some = [slice(start, start + _AT_ONCE) for start in range(0, len(x), _AT_ONCE)]
     planes = [_local_planes(x[part], y[part], heights, fraction) for part in some]
     weights = sparse.vstack([weight for weight, _ in planes], format="csr")
@@ -107,13 +128,20 @@ def sample_rim(parts: Sequence[Polygon], heights: CellHeights, fraction: FloatAr
     if not found.all():
         weights = interpolation_along(found, ring) @ weights
     z = np.where(np.isfinite(heights.z), heights.z, 0.0).ravel()
-    return Rim(x, y, weights @ z, np.concatenate(lengths), ring, weights, float(found.mean()))
+    length = np.concatenate([_lengths(points) for points in rings])
+    return Rim(x, y, weights @ z, length, ring, weights, float(found.mean()))
+
+
+def _lengths(points: FloatArray) -> FloatArray:
+    """Return the length of ring that each of its points stands for."""
+    ahead = np.hypot(*(np.roll(points, -1, axis=0) - points).T)
+    return np.asarray((ahead + np.roll(ahead, 1)) / 2)
 
 
 def require_plain_outline(parts: Sequence[Polygon], cell: float) -> None:
-    """Raise SupportError when outlines need more points, a cell apart, than can be looked at.
+    """Raise SupportError for an outline that costs more than any area can need.
 
-    Or when they go to and fro so often that the points are many more than the cells they are in.
+    It needs too many points a cell apart, or goes back and forth within the same cells.
     """
     length = sum(part.exterior.length for part in parts)
     corners = sum(len(_plain(part, cell).coords) for part in parts)
@@ -127,13 +155,14 @@ def require_plain_outline(parts: Sequence[Polygon], cell: float) -> None:
     touched = _cells_touched(parts, cell)
     if length > _MOST_FOLDS * touched * cell:
         raise SupportError(
-            f"the outline is {length:.4g} m long and goes to and fro within {touched:,} cells of "
-            f"{cell:g} m; expected at most {_MOST_FOLDS} times a cell's length in each: simplify it"
+            f"the outline is {length:.4g} m long and goes back and forth within {touched:,} cells "
+            f"of {cell:g} m; expected at most {_MOST_FOLDS} times a cell's length in each: "
+            "simplify it"
         )
 
 
 def _cells_touched(parts: Sequence[Polygon], cell: float) -> int:
-    """Count the cells that outer rings lead through, but for corners that they just cut."""
+    """Return the number of cells that outer rings lead through, without corners just cut."""
     low = np.min([part.bounds[:2] for part in parts], axis=0)
     rings = [shapely.segmentize(_plain(part, cell), cell) for part in parts]
     places = np.floor((shapely.get_coordinates(rings) - low) / cell).astype(np.int64)
@@ -141,13 +170,13 @@ def _cells_touched(parts: Sequence[Polygon], cell: float) -> int:
 
 
 def _plain(polygon: Polygon, step: float) -> LinearRing:
-    """Return the outer ring; one with more corners than are needed, without the finest of them."""
+    """Return the outer ring, simplified where it has more corners than can be needed."""
     ring = polygon.exterior
     return ring if len(ring.coords) < MOST_POINTS / 2 else ring.simplify(_FINEST * step)
 
 
-def _dense_ring(polygon: Polygon, step: float) -> tuple[FloatArray, FloatArray]:
-    """Return the outer ring's points, at most `step` apart, close enough to be Delaunay edges.
+def _dense_ring(polygon: Polygon, step: float) -> FloatArray:
+    """Return points (M, 2) of the outer ring, at most `step` apart, that are Delaunay neighbours.
 
     A Delaunay triangulation that has every segment as an edge is a constrained one.
     """
@@ -162,39 +191,36 @@ def _dense_ring(polygon: Polygon, step: float) -> tuple[FloatArray, FloatArray]:
         middle = (points + np.roll(points, -1, axis=0)) / 2
         after = np.flatnonzero(missing) + 1
         points = np.insert(points, after, middle[missing], axis=0)
-    return points[:, 0] + origin[0], points[:, 1] + origin[1]
+    return np.asarray(points + origin)
 
 
 def _missing_segments(points: FloatArray) -> npt.NDArray[np.bool_]:
-    """Tell which segments from point i to i + 1 are no edges of the points' triangulation."""
+    """Return which segments from point i to i + 1 are no edges of the points' triangulation."""
     n = len(points)
     middle = (points + np.roll(points, -1, axis=0)) / 2
-    # A segment is an edge at the least when no other point is in the circle over it.
+    # A segment is certainly an edge when no other point is in the circle over it.
     half = np.hypot(*(points - middle).T)
     if n < 4 or (cKDTree(points).query(middle)[0] > (1 - _IN_CIRCLE) * half).all():
         return np.zeros(n, dtype=bool)
     triangles = Delaunay(points).simplices
     missing = np.ones(n, dtype=bool)
-    for start, end in ((0, 1), (1, 2), (2, 0)):
-        low = np.minimum(triangles[:, start], triangles[:, end])
-        high = np.maximum(triangles[:, start], triangles[:, end])
-        missing[low[high - low == 1]] = False
-        missing[high[high - low == n - 1]] = False
+    low, high = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1).T
+    missing[low[high - low == 1]] = False
+    missing[high[high - low == n - 1]] = False
     return missing
 
 
 def _local_planes(
     x: FloatArray, y: FloatArray, heights: CellHeights, fraction: FloatArray
 ) -> tuple[sparse.csr_matrix, npt.NDArray[np.bool_]]:
-    """Return each rim point's height as weights of cells, and which points have one."""
+    """Return each rim point's height as weights (M, cells), and which points have one."""
     window = heights.window
     down, right = _STENCIL
-    u = (x - window.min_x) / window.cell - 0.5
-    v = (y - window.min_y) / window.cell - 0.5
+    u, v = (place - 0.5 for place in window.in_cells(x, y))
     middle_u, middle_v = np.rint(u), np.rint(v)
     column = middle_u.astype(np.int64)[:, None] + right
     row = middle_v.astype(np.int64)[:, None] + down
-    usable = (column >= 0) & (column < window.nx) & (row >= 0) & (row < window.ny)
+    usable = window.holds(row, column)
     flat = np.where(usable, row * window.nx + column, 0)
     off_u, off_v = u - middle_u, v - middle_v
     usable &= (right - off_u[:, None]) ** 2 + (down - off_v[:, None]) ** 2 <= _RADIUS_CELLS**2
@@ -203,7 +229,7 @@ def _local_planes(
     alone = outside.sum(axis=1) >= _ENOUGH_OUTSIDE
     usable = np.asarray(np.where(alone[:, None], outside, usable))
     height = np.where(usable, heights.z.ravel()[flat], 0.0)
-    share = _robust_plane_at(off_u, off_v, height, usable)
+    share = robust_plane_weights(off_u, off_v, height, usable, _TERMS)
     filled = share != 0
     start = np.concatenate([[0], np.cumsum(filled.sum(axis=1))])
     weights = sparse.csr_matrix(
@@ -213,7 +239,7 @@ def _local_planes(
 
 
 def _stencil() -> tuple[IntArray, IntArray]:
-    """Return the rows and columns, from a cell, of all that are near some place in it."""
+    """Return the rows and columns, relative to a cell, of all cells near some place in it."""
     reach = int(np.ceil(_RADIUS_CELLS))
     offset = np.arange(-reach, reach + 1)
     down, right = (grid.ravel() for grid in np.meshgrid(offset, offset, indexing="ij"))
@@ -229,90 +255,20 @@ _POWERS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
 _TERMS = np.stack([_STENCIL[0] ** i * _STENCIL[1] ** j * 1.0 for j, i in _POWERS], axis=1)
 
 
-def _robust_plane_at(
-    u: FloatArray, v: FloatArray, height: FloatArray, usable: npt.NDArray[np.bool_]
-) -> FloatArray:
-    """Return the weights that give each row's plane at its place (u, v) from its heights.
-
-    Iteratively reweighted least squares; the slopes are held a little (as by one tenth of a
-    point a cell away) so that few or aligned cells give a level plane instead of a wild one.
-
-    Parameters
-    ----------
-    u, v : (M,) places, in cells from the stencil's middle.
-    height : (M, K) of the stencil's cells, 0 where not usable.
-    usable : (M, K) bool.
-    """
-    count = usable.sum(axis=1)
-    level = (height.sum(axis=1) / np.maximum(count, 1))[:, None]
-    height = np.where(usable, height - level, 0.0)
-    weight = usable.astype(np.float64)
-    for turn in range(_ROUNDS):
-        inverse = _inverse_normal(weight @ _TERMS, u, v)
-        share = weight * (_about(inverse[:, 0], u, v) @ _TERMS[:, :3].T)
-        if turn == _ROUNDS - 1:
-            break
-        moment = (weight * height) @ _TERMS[:, :3]
-        moment[:, 1] -= u * moment[:, 0]
-        moment[:, 2] -= v * moment[:, 0]
-        plane = np.einsum("mij,mj->mi", inverse, moment)
-        residual = np.abs(height - _about(plane, u, v) @ _TERMS[:, :3].T)
-        residual[~usable] = np.inf
-        limit = np.maximum(_TUKEY * 1.4826 * _row_median(residual, count), 1e-9)[:, None]
-        weight = np.clip(1.0 - (residual / limit) ** 2, 0.0, None) ** 2
-    total = share.sum(axis=1, keepdims=True)
-    # The held slopes leave the sum a hair below one; heights have a large common part.
-    return np.asarray(np.divide(share, total, out=np.zeros_like(share), where=np.abs(total) > 0.5))
-
-
-def _about(plane: FloatArray, u: FloatArray, v: FloatArray) -> FloatArray:
-    """Return planes a + b (x - u) + c (y - v) as coefficients of 1, x, y."""
-    level = plane[:, 0] - plane[:, 1] * u - plane[:, 2] * v
-    return np.column_stack([level, plane[:, 1], plane[:, 2]])
-
-
-def _inverse_normal(sums: FloatArray, u: FloatArray, v: FloatArray) -> FloatArray:
-    """Return the inverses (M, 3, 3) of the normal matrices, from the sums of the six terms."""
-    s, su, sv, suu, suv, svv = sums.T
-    a = s + 1e-12
-    b, c = su - u * s, sv - v * s
-    d = suu - 2 * u * su + u * u * s + 0.1
-    e = suv - u * sv - v * su + u * v * s
-    f = svv - 2 * v * sv + v * v * s + 0.1
-    # By cofactors: LAPACK's own threads would get into the way of those of the areas.
-    aa, ab, ac = d * f - e * e, c * e - b * f, b * e - c * d
-    bb, bc, cc = a * f - c * c, b * c - a * e, a * d - b * b
-    inverse = np.stack([aa, ab, ac, ab, bb, bc, ac, bc, cc], axis=1)
-    inverse /= (a * aa + b * ab + c * ac)[:, None]
-    return np.asarray(inverse.reshape(-1, 3, 3))
-
-
-def _row_median(values: FloatArray, count: IntArray) -> FloatArray:
-    """Return each row's median over its `count` finite values; 0 for an empty row."""
-    ordered = np.sort(values, axis=1)
-    rows = np.arange(len(values))
-    low = ordered[rows, np.maximum((count - 1) // 2, 0)]
-    high = ordered[rows, np.minimum(count // 2, values.shape[1] - 1)]
-    some = count > 0
-    return np.where(some, (np.where(some, low, 0.0) + np.where(some, high, 0.0)) / 2, 0.0)
-
-
 def interpolation_along(keep: npt.NDArray[np.bool_], ring: IntArray) -> sparse.csr_matrix:
     """Return the (M, M) matrix that keeps some rim values and interpolates the others.
 
-    A ring without any kept point takes the mean of kept ones on the others.
+    A ring without any kept point takes the mean of kept ones on the other rings.
     """
-    m = len(keep)
-    rows, columns, shares = [np.flatnonzero(keep)], [np.flatnonzero(keep)], []
-    shares.append(np.ones(len(rows[0])))
+    everyone = np.flatnonzero(keep)
+    rows, columns, shares = [everyone], [everyone], [np.ones(len(everyone))]
+    everyone = everyone[:: max(1, len(everyone) // _MEAN_OF)]
     for number in np.unique(ring):
         members = np.flatnonzero(ring == number)
         good, bad = members[keep[members]], members[~keep[members]]
         if not len(bad):
             continue
         if not len(good):
-            everyone = np.flatnonzero(keep)
-            everyone = everyone[:: max(1, len(everyone) // _MEAN_OF)]
             rows.append(np.repeat(bad, len(everyone)))
             columns.append(np.tile(everyone, len(bad)))
             shares.append(np.full(len(bad) * len(everyone), 1.0 / len(everyone)))
@@ -326,6 +282,56 @@ def interpolation_along(keep: npt.NDArray[np.bool_], ring: IntArray) -> sparse.c
         rows += [bad, bad]
         columns += [left, right]
         shares += [1.0 - along, along]
-    return sparse.csr_matrix(
-        (np.concatenate(shares), (np.concatenate(rows), np.concatenate(columns))), shape=(m, m)
-    )
+    places = (np.concatenate(rows), np.concatenate(columns))
+    return sparse.csr_matrix((np.concatenate(shares), places), shape=(len(keep), len(keep)))
+
+
+def bridge_crossings(rim: Rim) -> tuple[Rim, list[Crossing]]:
+    """Return the rim with its crossings bridged, and what was bridged.
+
+    An outline drawn across a gully, a ditch or a dam dips or rises sharply there, and a base
+    through those heights would take away part of what is measured. Where a short stretch departs
+    from the plane of the rest far beyond its scatter, its heights are interpolated linearly
+    between its ends. Undulating ground has no such stretch: its scatter is as wide as it.
+    """
+    off, scale = _off_robust_plane(rim)
+    keep = np.ones(len(off), dtype=bool)
+    crossings = []
+    for number in np.unique(rim.part):
+        members = np.flatnonzero(rim.part == number)
+        whole = rim.length[members].sum()
+        for run in _runs(np.abs(off[members]) > _DEPARTURE * scale):
+            stretch = members[run]
+            length = float(rim.length[stretch].sum())
+            height = float(off[stretch][np.argmax(np.abs(off[stretch]))])
+            if abs(height) >= 2 * _DEPARTURE * scale and length <= _LONGEST * whole:
+                keep[stretch] = False
+                crossings.append(Crossing(height, length))
+    if keep.all() or rim.length[~keep].sum() > _LONGEST_TOGETHER * rim.length.sum():
+        return rim, []
+    matrix = interpolation_along(keep, rim.part)
+    return replace(rim, z=matrix @ rim.z, weights=matrix @ rim.weights), crossings
+
+
+def _off_robust_plane(rim: Rim) -> tuple[FloatArray, float]:
+    """Return each rim height less a robust plane through all, and the robust scatter."""
+    weight, scale = rim.length, 0.0
+    for _ in range(_PLANE_ROUNDS):
+        off = plane_residuals(rim.x, rim.y, rim.z, weight)
+        scale = MAD * quantile(np.abs(off), 0.5)
+        limit = max(_DEPARTURE * scale, 1e-9)
+        weight = rim.length * np.clip(1 - (off / limit) ** 2, 1e-6, None) ** 2
+    # One millimetre: smoother than any survey, and rounding must not look like a channel.
+    return off, max(scale, 1e-3)
+
+
+def _runs(flags: npt.NDArray[np.bool_]) -> list[npt.NDArray[np.int64]]:
+    """Return the runs of true flags around a ring, each with its neighbour on either side."""
+    if not flags.any() or flags.all():
+        return []
+    n = len(flags)
+    first = int(np.flatnonzero(~flags)[0])
+    turned = np.roll(flags, -first)
+    change = np.diff(np.concatenate([[0], turned.astype(np.int8), [0]]))
+    starts, ends = np.flatnonzero(change == 1), np.flatnonzero(change == -1)
+    return [(np.arange(s - 1, e + 1) + first) % n for s, e in zip(starts, ends)]

@@ -1,0 +1,1 @@
+"""What web processes and workers share: the files of jobs and of saved measurements."""

@@ -1,0 +1,1 @@
+"""The REST API: what requests may ask for, and what they are answered."""

@@ -1,0 +1,1 @@
+"""What runs in WebODM's worker: one measurement after the other."""

@@ -1,1 +1,0 @@
-"""The paper's slices, kept as the reference: ``--method polar``."""

@@ -1,0 +1,134 @@
+"""The surface of an area: its heights with gaps closed, its rim and its noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+from shapely.geometry import MultiPolygon, Polygon
+
+from ...types import FloatArray, IntArray, Window
+from .base import Base
+from .coverage import fill_gaps, require_fine, require_support
+from .grid import cell_fractions, polygons_of
+from .heights import CellHeights, cell_heights
+from .histogram import Cubes
+from .noise import Noise, measure_noise
+from .rim import Rim, require_plain_outline, sample_rim
+
+__all__ = ["AreaSurface", "CutFill", "find_surface"]
+
+#: Heights go on beyond the points' outer edge for this share of the area's size, in whole cells.
+_REACH = 0.05
+_LEAST_REACH_CELLS = 5
+
+
+@dataclass(frozen=True)
+class AreaSurface:
+    """The surface of an area, whatever its base.
+
+    Attributes
+    ----------
+    polygon, parts : the area, and its polygons.
+    heights : of the cells of a window around it.
+    filled : (ny, nx) float64, the heights with gaps closed, metres.
+    fraction : (ny, nx) float64, share of each cell inside the area.
+    coverage : share of the area that points support.
+    rim : of the outer rings; None where no points are near.
+    noise : of the heights.
+    ground_factor : grid length / ground length at the site.
+    """
+
+    polygon: Polygon | MultiPolygon
+    parts: Sequence[Polygon]
+    heights: CellHeights
+    filled: FloatArray
+    fraction: FloatArray
+    coverage: float
+    rim: Rim | None
+    noise: Noise
+    ground_factor: float
+
+    @property
+    def cell(self) -> float:
+        """Edge of a cell, metres on the ground."""
+        return self.heights.window.cell / self.ground_factor
+
+    @cached_property
+    def a(self) -> FloatArray:
+        """(ny, nx) area of each cell inside the polygon, m2 on the ground."""
+        return np.asarray(self.fraction * self.cell**2)
+
+    @cached_property
+    def inside(self) -> npt.NDArray[np.bool_]:
+        """(ny, nx) cells with a share in the area."""
+        return np.asarray(self.fraction > 0)
+
+    @cached_property
+    def measured(self) -> npt.NDArray[np.bool_]:
+        """(ny, nx) cells with points of their own."""
+        return np.isfinite(self.heights.z)
+
+    @cached_property
+    def nearest(self) -> tuple[FloatArray, IntArray]:
+        """(ny, nx) distance in cells to the nearest measured cell, and (2, ny, nx) its place."""
+        distance, place = ndimage.distance_transform_edt(~self.measured, return_indices=True)
+        return distance, place
+
+
+@dataclass(frozen=True)
+class CutFill:
+    """A surface over one base, its cells separated into cut and fill.
+
+    Attributes
+    ----------
+    r : (ny, nx) height above the base, metres; NaN where nothing is measured.
+    above : (ny, nx) bool, cells that count as cut.
+    """
+
+    surface: AreaSurface
+    base: Base
+    r: FloatArray
+    above: npt.NDArray[np.bool_]
+
+    @cached_property
+    def sides(self) -> npt.NDArray[np.bool_]:
+        """(3, ny, nx) cells with a height: all, those of the cut, those of the fill."""
+        known = np.isfinite(self.r)
+        return np.stack([known, known & self.above, known & ~self.above])
+
+
+def find_surface(
+    polygon: Polygon | MultiPolygon, cubes: Cubes, ground_factor: float
+) -> AreaSurface:
+    """Return the surface of an area.
+
+    Parameters
+    ----------
+    polygon : valid, metres, in the coordinates of the cubes.
+    cubes : from `fit_cells`.
+
+    Raises
+    ------
+    SupportError
+        The points do not show the area, or its outline is out of proportion.
+    """
+    heights = cell_heights(cubes, Window(*polygon.bounds))
+    parts = polygons_of(polygon)
+    require_plain_outline(parts, heights.window.cell)
+    fraction = cell_fractions(polygon, heights.window)
+    require_fine(heights, fraction, cubes.factor**2)
+    coverage = require_support(cubes, heights, fraction)
+    reach = max(_LEAST_REACH_CELLS, round(float(_REACH * np.sqrt(fraction.sum()))))
+    # The slopes of smoothed heights reach two cells further than the area.
+    needed = ndimage.binary_dilation(fraction > 0, iterations=2)
+    filled = fill_gaps(heights.z, reach, needed)
+    rim = sample_rim(parts, heights, fraction)
+    noise = measure_noise(heights.z, heights.places, filled, fraction)
+    return AreaSurface(
+        polygon, parts, heights, filled, fraction, coverage, rim, noise, ground_factor
+    )

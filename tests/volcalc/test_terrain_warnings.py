@@ -1,0 +1,78 @@
+"""What a terrain result says about itself."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from quantify_client.volcalc.terrain.warnings import Findings, warnings_of
+
+
+def said(findings=None, coverage=1.0, cut=100.0, compared=False):
+    result = SimpleNamespace(coverage=coverage, cut_m3=cut, fill_m3=0.0, area_m2=50.0)
+    return tuple(warnings_of(result, findings or Findings(), compared=compared))
+
+
+def test_a_sound_result_has_no_warning():
+    assert said(Findings(unsupported_rim=0.04, relief_m=0.1)) == ()
+
+
+@pytest.mark.parametrize(
+    ("findings", "code", "values", "begins"),
+    [
+        (
+            Findings(crossings=((-1.5, 2.25),)),
+            "outline-crosses-channel",
+            {"height_m": -1.5, "length_m": 2.25},
+            "the outline crosses a channel of 1.5 m over 2.2 m; the base goes straight across",
+        ),
+        (
+            Findings(crossings=((0.8, 3.0),)),
+            "outline-crosses-ridge",
+            {"height_m": 0.8, "length_m": 3.0},
+            "the outline crosses a ridge of 0.8 m over 3 m",
+        ),
+        (
+            Findings(lost_m2=1.25),
+            "area-beyond-cloud",
+            {"area_m2": 1.25},
+            "1.25 m2 of the area lie beyond the edge",
+        ),
+        (
+            Findings(unsupported_rim=0.3),
+            "outline-without-points",
+            {"share": 0.3},
+            "30% of the outline have no points near",
+        ),
+        (
+            Findings(relief_m=0.2),
+            "uneven-outline",
+            {"relief_m": 0.2},
+            "the ground along the outline is uneven (0.2 m RMS",
+        ),
+    ],
+)
+def test_each_finding_has_its_warning(findings, code, values, begins):
+    (notice,) = said(findings)
+    assert (notice.code, notice.values) == (code, values)
+    assert notice.startswith(begins)
+
+
+def test_gaps_are_told_with_the_coverage_that_is_printed():
+    (notice,) = said(coverage=0.87)
+    assert notice.startswith("points support 87% of the area")
+    assert (notice.code, notice.values) == ("gaps-interpolated", {"share": 0.87})
+
+
+def test_nothing_advises_what_is_already_done():
+    findings = Findings(relief_m=0.2)
+    assert "try --base compare" in said(findings)[0]
+    assert "--base" not in said(findings, compared=True)[0]
+    assert "with the other bases" in said(findings, compared=True)[0]
+    findings = Findings(crossings=((-1.0, 2.0),))
+    advice = " (--base plane follows the outline as it is)"
+    assert said(findings)[0] == said(findings, compared=True)[0] + advice
+
+
+def test_the_relief_is_weighed_against_the_volume_that_is_told():
+    assert said(Findings(relief_m=0.2), cut=120.0)
+    assert not said(Findings(relief_m=0.2), cut=130.0)  # 0.25 * 0.2 * 50 is 2 % of 125
