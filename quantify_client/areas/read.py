@@ -32,7 +32,7 @@ from .geojson import DrawnPolygon, geojson_polygons, read_geojson
 from .kml import read_kml
 from .vector import VECTOR_SUFFIXES, read_vector
 
-__all__ = ["Area", "AreaSet", "far_corner", "read_areas", "require_polygons"]
+__all__ = ["Area", "AreaSet", "far_corner_problem", "read_areas", "require_polygons"]
 
 _WGS84 = "OGC:CRS84"
 _MAX_NAME = 80
@@ -109,7 +109,7 @@ def read_areas(
             text = f"{name}: {one.dropped} members of its collection are not polygons"
             notes.append(Notice("area-parts-dropped", text, area=name, parts=one.dropped))
         areas.append(_area(name, one, one.crs or implied, frame, box))
-    notes += _coarse(drawn, implied, frame)
+    notes += _inaccurate_transfers(drawn, implied, frame)
     return AreaSet(tuple(areas), tuple(notes))
 
 
@@ -147,7 +147,7 @@ def _given(geometry: Any, box: Any) -> Union[Area, AreaFailure]:
     if geometry.geom_type not in ("Polygon", "MultiPolygon") or geometry.is_empty:
         state = "an empty" if geometry.is_empty else "a"
         raise AreaError(f"the area is {state} {geometry.geom_type}: expected a polygon")
-    polygon, problem = _judged(shapely.force_2d(geometry))
+    polygon, problem = _validated(shapely.force_2d(geometry))
     problem = problem or _outside(polygon, box)
     return AreaFailure("area-1", problem) if problem else Area("area-1", polygon)
 
@@ -158,11 +158,11 @@ def _area(
     """Check and move one polygon; a crs of None means the cloud's own coordinates."""
     if one.polygon is None:
         return AreaFailure(name, one.problem)
-    drawn, problem = _judged(shapely.force_2d(one.polygon))
+    drawn, problem = _validated(shapely.force_2d(one.polygon))
     if problem:
         return AreaFailure(name, problem)
     try:
-        polygon, problem = _judged(_moved(drawn, crs, frame))
+        polygon, problem = _validated(_moved(drawn, crs, frame))
         problem = problem or _outside(polygon, box)
     except CrsError as error:
         problem = f"cannot be placed: {error}"
@@ -222,7 +222,7 @@ def _implied_crs(
     )
 
 
-def _coarse(
+def _inaccurate_transfers(
     drawn: Sequence[DrawnPolygon], implied: Optional[str], frame: Frame
 ) -> Iterator[Notice]:
     """Warn of datum transformations that are less accurate than polygons are drawn."""
@@ -249,7 +249,7 @@ def _coarse(
             yield Notice("area-datum-coarse", text, crs=crs, accuracy_m=accuracy_m)
 
 
-def _judged(polygon: Any) -> Tuple[Any, str]:
+def _validated(polygon: Any) -> Tuple[Any, str]:
     """Return a valid polygon and "", or the polygon and what is wrong with it.
 
     Parts of a multipolygon that touch along an edge are joined, so that no point counts twice.
@@ -288,14 +288,14 @@ def _outside(polygon: Any, box: Any) -> str:
     if box is None:
         return ""
     if _overlap(polygon.bounds, box):
-        return far_corner(polygon, box)
+        return far_corner_problem(polygon, box)
     return (
         f"lies outside the cloud: it covers {_range(polygon.bounds)}, the cloud {_range(box)}; "
         "draw it on the cloud, or correct its CRS, or the cloud's (--crs)"
     )
 
 
-def far_corner(polygon: Any, box: Any) -> str:
+def far_corner_problem(polygon: Any, box: Any) -> str:
     """Return what is wrong with a polygon that reaches absurdly far beyond its points, or "".
 
     There are no points to measure out there, and cells for all of it would be too coarse for the

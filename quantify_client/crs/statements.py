@@ -17,7 +17,15 @@ from ..types import CloudInfo, CrsPart, Notice
 from .projection import CRS, Unit, horizontal_wkt, known_crs, parse, short, split, unbound, unit_of
 from .same import differences, names_datum
 
-__all__ = ["ASSUMED", "Stated", "Statement", "compound", "in_unit", "merge", "stated_by"]
+__all__ = [
+    "ASSUMED",
+    "MergedStatements",
+    "Statement",
+    "compound",
+    "in_unit",
+    "merge_statements",
+    "statement_of_cloud",
+]
 
 Contrary = Tuple[str, str]
 """A value that was not believed, and what said it."""
@@ -66,7 +74,7 @@ class Statement:
 
 
 @dataclass(frozen=True)
-class Stated:
+class MergedStatements:
     """What all statements together say of a CRS.
 
     Attributes
@@ -97,7 +105,7 @@ class _Heights:
     contrary: Tuple[Contrary, ...] = ()
 
 
-def merge(statements: Sequence[Statement]) -> Stated:
+def merge_statements(statements: Sequence[Statement]) -> MergedStatements:
     """Merge what several records state, the more trustworthy first.
 
     Parameters
@@ -106,7 +114,7 @@ def merge(statements: Sequence[Statement]) -> Stated:
 
     Returns
     -------
-    Stated
+    MergedStatements
         Its ``crs`` is the very text of a statement where that says it all.
     """
     warnings = [text for statement in statements for text in statement.warnings]
@@ -116,7 +124,7 @@ def merge(statements: Sequence[Statement]) -> Stated:
     plane = next((statement for statement in usable if statement.crs), None) or _bare(usable)
     heights = [known for known in (_heights_of(s, warnings) for s in usable) if known is not None]
     if plane is None:
-        return Stated(None, None, (*warnings, *map(_heights_alone, heights[:1])))
+        return MergedStatements(None, None, (*warnings, *map(_heights_alone, heights[:1])))
     contrary = _contradictions(plane, [s for s in usable if s is not plane], warnings)
     crs, origin = plane.crs, plane.origin
     if heights:
@@ -124,10 +132,10 @@ def merge(statements: Sequence[Statement]) -> Stated:
     if _if_known(crs, origin, warnings) is None:  # heights that no such plane can have
         crs, origin, heights = plane.crs, plane.origin, []
     believed = _believed(heights, warnings) if heights else None
-    return Stated(crs, origin, tuple(warnings), _parts(plane, believed, contrary))
+    return MergedStatements(crs, origin, tuple(warnings), _parts(plane, believed, contrary))
 
 
-def stated_by(info: CloudInfo) -> Optional[Statement]:
+def statement_of_cloud(info: CloudInfo) -> Optional[Statement]:
     """Return what a reader found as one statement, with the source of each part."""
     if info.crs is None:
         return None
@@ -170,7 +178,7 @@ def _checked(statement: Statement, warnings: List[Notice], *, first: bool) -> St
     if first:
         text = (
             f"{known.origin}: x and y are those of {short(plane.name)} in {own[0]}, and "
-            f"their unit is given as {unit[0]}: the unit is believed (--crs sets another)"
+            f"their unit is given as {unit[0]}: that unit is used (--crs sets another)"
         )
         warnings.append(_contradiction("unit", text, known.origin, known.origin))
     beside = {"horizontal unit": ((own[0], known.place("CRS")),)}
@@ -235,7 +243,7 @@ def _contradictions(
         if parts:
             text = (
                 f"{believed.origin} and {other.origin} contradict each other: {what} "
-                f"{says['horizontal unit']}; the first is believed"
+                f"{says['horizontal unit']}; the first is used"
                 f"{_another(believed.origin, '--crs')}"
             )
             warnings.append(_contradiction("plane", text, believed.origin, other.origin))
@@ -265,7 +273,7 @@ def _heights_of(statement: Statement, warnings: List[Notice]) -> Optional[_Heigh
         return replace(found, unit=own, name=name, name_place=place, definition=definition)
     text = (
         f"{statement.origin}: heights are those of {short(name)} in {own[0]}, and "
-        f"their unit is given as {unit[0]}: the unit is believed (--vertical-unit sets another)"
+        f"their unit is given as {unit[0]}: that unit is used (--vertical-unit sets another)"
     )
     warnings.append(_contradiction("height-unit", text, statement.origin, statement.origin))
     return replace(found, contrary=(*contrary, (own[0], place)))
@@ -293,7 +301,7 @@ def _believed(heights: Sequence[_Heights], warnings: List[Notice]) -> _Heights:
             continue
         text = (
             f"{first.origin} and {other.origin} contradict each other on heights: "
-            f"{first.unit[0]} and {other.unit[0]}; the first is believed"
+            f"{first.unit[0]} and {other.unit[0]}; the first is used"
             f"{_another(first.origin, '--vertical-unit')}"
         )
         warnings.append(_contradiction("height-unit", text, first.origin, other.origin))

@@ -98,7 +98,7 @@ def statement_of_wkt(text: str, origin: str) -> Statement:
     if vertical is not None or unit is not None:
         used.append(f"{unit[0] if unit else short(parse(str(vertical)).name)} for heights")
     said = f"only {' and '.join(used)} is used" if used else "it is not used"
-    warning = f"{origin}: cannot be understood whole ({text[:60]!r}): {said} (--crs sets another)"
+    warning = f"{origin}: cannot be read completely ({text[:60]!r}): {said} (--crs sets another)"
     notes = (*notes, Notice("crs-partly-unknown", warning, origin=origin))
     return Statement(origin, plane, vertical=vertical, height_unit=unit, warnings=notes)
 

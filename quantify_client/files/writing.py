@@ -233,23 +233,19 @@ def _locked(path: Path) -> Optional[int]:
         return -1
     import fcntl
 
+    handle, failed = -1, None
     try:
         handle = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
-    except FileNotFoundError:
-        return None
-    except OSError:
-        return -1
-    try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         if os.path.samestat(os.fstat(handle), path.lstat()):
             return handle
     except (BlockingIOError, FileNotFoundError):
-        pass
+        pass  # another run has it, or has removed it
     except OSError:
+        failed = -1
+    if handle >= 0:
         os.close(handle)
-        return -1
-    os.close(handle)
-    return None
+    return failed
 
 
 def _sweep(parent: Path, prefix: str) -> None:
