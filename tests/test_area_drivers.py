@@ -181,7 +181,7 @@ def test_kml_geometries_are_told_apart(tmp_path, beach):
     holed, collected, lone, empty, odd = found.areas
     assert holed.polygon.area == pytest.approx(75, rel=1e-6)
     assert collected.polygon.area == pytest.approx(100, rel=1e-6)
-    assert "1 members of its collection are no polygons" in " ".join(found.warnings)
+    assert "1 members of its collection are not polygons" in " ".join(found.warnings)
     assert "is a Point" in lone.error
     assert "no geometry" in empty.error
     assert "not a number" in odd.error

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from quantify_client.crs import PlacedFrame, measuring_frame, placed_frame
+from quantify_client.crs import Frame, measuring_frame, placed_frame
 from quantify_client.types import Bounds, Window
 
 BOX = Bounds(576_650.0, 5_188_090.0, 300.0, 576_750.0, 5_188_190.0, 330.0)
@@ -29,7 +29,7 @@ def points_in(box: Bounds, seed: int, count: int = 200) -> np.ndarray:
     return np.random.default_rng(seed).uniform(low, high, (count, 3))
 
 
-def made(matrix: np.ndarray, crs=None, unit=None, target=None, bounds: Bounds = BOX) -> PlacedFrame:
+def made(matrix: np.ndarray, crs=None, unit=None, target=None, bounds: Bounds = BOX) -> Frame:
     return placed_frame(measuring_frame(crs, unit, bounds), matrix, target, None, bounds)
 
 
@@ -90,7 +90,7 @@ def test_windows_and_bounds_enclose(scale: float, angles, shift, seed: int, unit
     assert around.min_x <= x.min() <= x.max() <= around.max_x
     assert around.min_y <= y.min() <= y.max() <= around.max_y
     assert around.min_z <= z.min() <= z.max() <= around.max_z
-    assert frame.heights == pytest.approx((around.min_z, around.max_z))
+    assert frame.placement.heights == pytest.approx((around.min_z, around.max_z))
     generator = np.random.default_rng(seed + 1)
     # A window between two of the points, so that its edges pass through them.
     first, second = generator.choice(len(points), 2, replace=False)
@@ -137,11 +137,11 @@ def test_own_crs_keeps_its_unit() -> None:
     own = placed_frame(base, np.eye(4), base.crs, 0.9999, BOX)
     assert own.crs == base.crs == "EPSG:2229"
     assert (own.unit_m, own.z_unit_m, own.grid_crs) == (base.unit_m, base.z_unit_m, base.grid_crs)
-    assert own.ground_factor == 0.9999
+    assert own.placement.ground_factor == 0.9999
     other = placed_frame(base, np.eye(4), "EPSG:32611", None, BOX)
     assert other.crs == other.grid == "EPSG:32611"
     assert (other.unit_m, other.z_unit_m, other.grid_crs) == (1.0, 1.0, None)
-    assert other.base is base
+    assert other.delivered is base
 
 
 def test_unit_nobody_said_is_no_longer_warned_of() -> None:

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from stated import IOWA, US_FT, cone, geokeys, las, wkt_record
 
 from quantify_client import describe, measure, scale
-from quantify_client.crs import doubts, measuring_frame
+from quantify_client.crs import location_warnings, measuring_frame
 from quantify_client.errors import CrsError
 from quantify_client.types import Bounds
 
@@ -127,13 +127,13 @@ def test_places_and_lengths_that_a_grid_is_not_meant_for(
         lon, lat
     )
     box = Bounds(x - 10, y - 10, 0.0, x + 10, y + 10, 5.0)
-    found = doubts(measuring_frame(crs, None, box), box)
+    found = location_warnings(measuring_frame(crs, None, box), box)
     assert len(found) == (words is not None)
     assert words is None or words in found[0]
     assert all("--crs" in text for text in found)
 
 
-def test_control_does_not_silence_the_doubts(tmp_path: Path) -> None:
+def test_control_does_not_silence_the_location_warnings(tmp_path: Path) -> None:
     path = record(tmp_path / "a.las")
     ends = {"a": [FEET[0] - 5, FEET[1], 100.0], "b": [FEET[0] + 5, FEET[1], 100.0]}
     control = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quantify_client.crs import Plane, odm_header, plane_of, positions_to
+from quantify_client.crs import PlaneCoordinates, odm_header, plane_of, positions_to
 from quantify_client.errors import CrsError
 
 SITE = "+proj=tmerc +lat_0=34 +lon_0=-119 +k=1 +x_0=0 +y_0=0 +ellps=GRS80 +units=us-ft"
@@ -14,14 +14,14 @@ SITE = "+proj=tmerc +lat_0=34 +lon_0=-119 +k=1 +x_0=0 +y_0=0 +ellps=GRS80 +units
 @pytest.mark.parametrize(
     ("crs", "plane"),
     [
-        ("EPSG:4326", Plane("EPSG:4326", None)),
-        ("EPSG:4979", Plane("EPSG:4326", None)),
-        ("EPSG:32611", Plane("EPSG:32611", 1.0)),
-        ("EPSG:6340+5703", Plane("EPSG:6340", 1.0)),
-        ("WGS84 UTM 11N", Plane("EPSG:32611", 1.0)),
+        ("EPSG:4326", PlaneCoordinates("EPSG:4326", None)),
+        ("EPSG:4979", PlaneCoordinates("EPSG:4326", None)),
+        ("EPSG:32611", PlaneCoordinates("EPSG:32611", 1.0)),
+        ("EPSG:6340+5703", PlaneCoordinates("EPSG:6340", 1.0)),
+        ("WGS84 UTM 11N", PlaneCoordinates("EPSG:32611", 1.0)),
     ],
 )
-def test_plane(crs: str, plane: Plane) -> None:
+def test_plane(crs: str, plane: PlaneCoordinates) -> None:
     assert plane_of(crs) == plane
     assert plane.geographic == (plane.unit_m is None)
 

@@ -1,7 +1,7 @@
-"""GeoJSON -> outlines, from files that nobody vouches for.
+"""Read polygons from GeoJSON of any origin.
 
-Read leniently where the meaning is plain (unclosed rings, a third coordinate, old ``crs``
-members), refused in words where it is not. Whether a polygon can be measured is judged later, in
+What is clear is accepted (unclosed rings, a third coordinate, the ``crs`` member of 2008), and
+what is not is refused with a reason. Whether a polygon can be measured is decided later, in
 :mod:`quantify_client.areas.read`.
 """
 
@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass, field, replace
 from numbers import Real
 from pathlib import Path
-from typing import Any, Iterator, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 import shapely
@@ -25,9 +25,10 @@ __all__ = [
     "MAX_BYTES",
     "MAX_POLYGONS",
     "MAX_VERTICES",
-    "Outline",
+    "DrawnPolygon",
+    "bounded",
     "check_file",
-    "geojson_outlines",
+    "geojson_polygons",
     "read_geojson",
 ]
 
@@ -39,8 +40,8 @@ _GEOMETRIES = "Point MultiPoint LineString MultiLineString Polygon MultiPolygon"
 
 
 @dataclass(frozen=True)
-class Outline:
-    """One polygon as it was drawn, or why there is none.
+class DrawnPolygon:
+    """A polygon as its file has it, or why there is none.
 
     Attributes
     ----------
@@ -48,8 +49,8 @@ class Outline:
     polygon : shapely Polygon or MultiPolygon in the file's coordinates, perhaps invalid; or None.
     crs : what pyproj understands, or None when the file does not say.
     problem : the reason when ``polygon`` is None; empty otherwise.
-    foreign : True when it was never a polygon (a point, a line, nothing at all).
-    dropped : parts of its collection that are no polygons.
+    not_polygon : True when it is something else (a point, a line, nothing at all).
+    dropped : how many parts of its collection are not polygons.
     properties : what else the file says of it, by name.
     """
 
@@ -57,7 +58,7 @@ class Outline:
     polygon: Optional[Any]
     crs: Optional[str]
     problem: str = ""
-    foreign: bool = False
+    not_polygon: bool = False
     dropped: int = 0
     properties: Mapping[str, Any] = field(default_factory=dict)
 
@@ -66,7 +67,7 @@ class _UnusableError(Exception):
     """A geometry cannot be read; the text says why."""
 
 
-def read_geojson(path: Path) -> List[Outline]:
+def read_geojson(path: Path) -> List[DrawnPolygon]:
     """Read a GeoJSON file.
 
     Raises
@@ -75,9 +76,8 @@ def read_geojson(path: Path) -> List[Outline]:
         When it is no readable GeoJSON, too large, or nested beyond reason.
     """
     data = check_file(path)
-    for mark in (b"[", b"{"):
-        if data.count(mark) > 2 * MAX_VERTICES:
-            raise AreaError(_too_many(path.name))
+    if max(data.count(b"["), data.count(b"{")) > 2 * MAX_VERTICES:
+        raise _too_many(path.name)
     try:
         document = json.loads(data)
     except RecursionError:
@@ -91,7 +91,7 @@ def read_geojson(path: Path) -> List[Outline]:
         ) from None
     except ValueError as error:  # an integer of thousands of digits
         raise AreaError(f"{path.name} holds a number that is none: {error}") from None
-    return geojson_outlines(document, path.name)
+    return geojson_polygons(document, path.name)
 
 
 def check_file(path: Path) -> bytes:
@@ -99,43 +99,47 @@ def check_file(path: Path) -> bytes:
     return read_small(path, most=MAX_BYTES, what="polygons", error=AreaError)
 
 
-def geojson_outlines(document: Any, where: str = "the GeoJSON object") -> List[Outline]:
-    """List the outlines of a parsed GeoJSON document, in its order.
+def geojson_polygons(document: Any, where: str = "the GeoJSON object") -> List[DrawnPolygon]:
+    """Return the polygons of a parsed GeoJSON document, in its order.
 
-    A polygon, a multipolygon and each polygon of a geometry collection become one outline; a
-    feature without any becomes an outline with a ``problem``.
+    A polygon, a multipolygon and each polygon of a geometry collection become one; a feature
+    without any becomes one with a ``problem``.
 
     Raises
     ------
     AreaError
-        When the document is no GeoJSON, or holds too many polygons or vertices.
+        When the document is not GeoJSON, or holds too many polygons or vertices.
     """
-    outlines: List[Outline] = []
-    vertices = 0
-    for outline in _walk(document, None, None, where, 0):
-        outlines.append(outline)
-        vertices += (
-            0 if outline.polygon is None else int(shapely.get_num_coordinates(outline.polygon))
-        )
-        if len(outlines) > MAX_POLYGONS or vertices > MAX_VERTICES:
-            raise AreaError(_too_many(where))
-    return outlines
+    return bounded(_walk(document, None, None, where, 0), where)
 
 
-def _too_many(where: str) -> str:
-    return (
+def bounded(polygons: Iterable[DrawnPolygon], where: str) -> List[DrawnPolygon]:
+    """Return the polygons as a list; AreaError as soon as they or their vertices are too many."""
+    found, vertices = [], 0
+    for drawn in polygons:
+        found.append(drawn)
+        vertices += int(shapely.get_num_coordinates(drawn.polygon))
+        if len(found) > MAX_POLYGONS or vertices > MAX_VERTICES:
+            raise _too_many(where)
+    return found
+
+
+def _too_many(where: str) -> AreaError:
+    return AreaError(
         f"{where} holds more than {MAX_POLYGONS:,} polygons or {MAX_VERTICES:,} vertices; "
         "keep only the polygons to be measured, or simplify them"
     )
 
 
-def _walk(node: Any, label: Any, crs: Optional[str], where: str, depth: int) -> Iterator[Outline]:
+def _walk(
+    node: Any, label: Any, crs: Optional[str], where: str, depth: int
+) -> Iterator[DrawnPolygon]:
     """Go through collections, features and geometries; the innermost ``crs`` member wins."""
     if depth > _MAX_NESTING:
         raise AreaError(f"{where} is nested too deeply for GeoJSON; export it again")
     if not isinstance(node, Mapping) or not isinstance(node.get("type"), str):
         if depth:
-            yield _foreign(label, crs, "is not a GeoJSON feature; export it again")
+            yield _no_polygon(label, crs, "is not a GeoJSON feature; export it again")
             return
         raise AreaError(f"{where} is not GeoJSON: expected a FeatureCollection with polygons")
     kind = node["type"]
@@ -145,39 +149,41 @@ def _walk(node: Any, label: Any, crs: Optional[str], where: str, depth: int) -> 
             yield from _walk(feature, None, crs, where, depth + 1)
     elif kind == "Feature":
         told = node.get("properties")
-        label, properties = _label(told), told if isinstance(told, Mapping) else {}
+        properties = told if isinstance(told, Mapping) else {}
+        names = (properties.get(key) for key in ("name", "Name", "NAME"))
+        label = next((name for name in names if name not in (None, "")), None)
         if node.get("geometry") is None:
-            yield _foreign(label, crs, "has no geometry; draw its polygon")
+            yield _no_polygon(label, crs, "has no geometry; draw its polygon")
         else:
-            for outline in _walk(node["geometry"], label, crs, where, depth + 1):
-                yield replace(outline, properties=properties)
+            for drawn in _walk(node["geometry"], label, crs, where, depth + 1):
+                yield replace(drawn, properties=properties)
     elif kind == "GeometryCollection":
         yield from _collection(node, label, crs, where, depth)
     elif kind in _GEOMETRIES:
         yield _geometry(node, label, crs)
     elif depth:
-        yield _foreign(label, crs, f"is a {kind[:40]!r}, not a polygon; draw a polygon")
+        yield _no_polygon(label, crs, f"is a {kind[:40]!r}, not a polygon; draw a polygon")
     else:
         raise AreaError(f"{where} is a {kind[:40]!r}: expected a FeatureCollection with polygons")
 
 
 def _collection(
     node: Mapping[str, Any], label: Any, crs: Optional[str], where: str, depth: int
-) -> Iterator[Outline]:
+) -> Iterator[DrawnPolygon]:
     """Yield the polygons of a collection; what else is in there is counted on the first."""
-    members: List[Outline] = []
+    members: List[DrawnPolygon] = []
     for geometry in _members(node, "geometries", where):
         members += _walk(geometry, label, crs, where, depth + 1)
-    polygons = [member for member in members if not member.foreign]
+    polygons = [member for member in members if not member.not_polygon]
     if not polygons:
-        yield _foreign(label, crs, "is a collection without polygons; draw a polygon")
+        yield _no_polygon(label, crs, "is a collection without polygons; draw a polygon")
         return
     yield replace(polygons[0], dropped=len(members) - len(polygons))
     yield from polygons[1:]
 
 
-def _foreign(label: Any, crs: Optional[str], problem: str) -> Outline:
-    return Outline(label, None, crs, problem, foreign=True)
+def _no_polygon(label: Any, crs: Optional[str], problem: str) -> DrawnPolygon:
+    return DrawnPolygon(label, None, crs, problem, not_polygon=True)
 
 
 def _members(node: Mapping[str, Any], key: str, where: str) -> Sequence[Any]:
@@ -185,15 +191,6 @@ def _members(node: Mapping[str, Any], key: str, where: str) -> Sequence[Any]:
     if not isinstance(members, (list, tuple)):
         raise AreaError(f"{where} has a {node['type']} without {key!r}; export it again")
     return members
-
-
-def _label(properties: Any) -> Any:
-    if not isinstance(properties, Mapping):
-        return None
-    for key in ("name", "Name", "NAME"):
-        if properties.get(key) not in (None, ""):
-            return properties[key]
-    return None
 
 
 def _crs_member(member: Any, where: str) -> str:
@@ -211,19 +208,18 @@ def _crs_member(member: Any, where: str) -> str:
     )
 
 
-def _geometry(node: Mapping[str, Any], label: Any, crs: Optional[str]) -> Outline:
+def _geometry(node: Mapping[str, Any], label: Any, crs: Optional[str]) -> DrawnPolygon:
     kind, coordinates = node["type"], node.get("coordinates")
     if kind not in ("Polygon", "MultiPolygon"):
-        return _foreign(label, crs, f"is a {kind}, not a polygon; draw a polygon")
+        return _no_polygon(label, crs, f"is a {kind}, not a polygon; draw a polygon")
     try:
-        if kind == "Polygon":
-            return Outline(label, _polygon(coordinates), crs)
-        parts = [_polygon(part) for part in _list(coordinates)]
+        polygons = [coordinates] if kind == "Polygon" else _list(coordinates)
+        parts = [_polygon(rings) for rings in polygons]
     except _UnusableError as problem:
-        return Outline(label, None, crs, str(problem))
+        return DrawnPolygon(label, None, crs, str(problem))
     if not parts:
-        return Outline(label, None, crs, "is empty; draw its polygon")
-    return Outline(label, parts[0] if len(parts) == 1 else shapely.MultiPolygon(parts), crs)
+        return DrawnPolygon(label, None, crs, "is empty; draw its polygon")
+    return DrawnPolygon(label, parts[0] if len(parts) == 1 else shapely.MultiPolygon(parts), crs)
 
 
 def _polygon(rings: Any) -> Any:
@@ -249,15 +245,14 @@ def _position(position: Any) -> Tuple[float, float]:
     """Take x and y; z and what follows it are dropped."""
     if not isinstance(position, (list, tuple)) or len(position) < 2:
         raise _UnusableError("has a corner that is not [x, y]; export it again")
-    x, y = position[0], position[1]
-    # float and int first: the general test is slow, and there may be a million of them
-    for value in (x, y):
+    # float first: the general test is slow, and there may be a million of them
+    for value in position[:2]:
         if type(value) is not float and (isinstance(value, bool) or not isinstance(value, Real)):
             raise _UnusableError("has a coordinate that is not a number; export it again")
     try:
-        x, y = float(x), float(y)
-    except OverflowError:
-        x = math.inf
+        x, y = float(position[0]), float(position[1])
+    except OverflowError:  # an integer of hundreds of digits
+        x = y = math.inf
     if not (abs(x) <= MAX_COORDINATE and abs(y) <= MAX_COORDINATE):
         raise _UnusableError(
             "has a coordinate that is infinite, not a number or absurdly large; redraw it"

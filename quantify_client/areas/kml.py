@@ -1,7 +1,7 @@
-"""KML -> GeoJSON, without a library that follows what a KML refers to.
+"""Read polygons from KML, without a library that opens what a KML refers to.
 
 KML is longitude and latitude in WGS84. Placemarks with their names and polygons are read; styles,
-links and overlays are not looked at. A document type is refused: it could define entities.
+links and overlays are ignored. A document type is refused: it could define entities.
 """
 
 from __future__ import annotations
@@ -13,14 +13,12 @@ from typing import Any, Dict, Iterator, List, Optional
 from xml.parsers import expat
 
 from ..errors import AreaError
-from .geojson import MAX_POLYGONS, MAX_VERTICES, Outline, check_file, geojson_outlines
+from .geojson import MAX_POLYGONS, MAX_VERTICES, DrawnPolygon, check_file, geojson_polygons
 
 __all__ = ["read_kml"]
 
 _CRS = {"type": "name", "properties": {"name": "EPSG:4326"}}
-_POSITION = re.compile(
-    r"[^\s,]+(?:\s*,\s*[^\s,]+)*"
-)  # space around commas is not KML, and often met
+_POSITION = re.compile(r"[^\s,]+(?:\s*,\s*[^\s,]+)*")  # spaces round commas: not KML, but common
 _DEEPEST = 256  # elements within each other
 _LONGEST = 1000  # characters of a position
 _OTHERS = {
@@ -33,7 +31,7 @@ _OTHERS = {
 }
 
 
-def read_kml(path: Path) -> List[Outline]:
+def read_kml(path: Path) -> List[DrawnPolygon]:
     """Read the placemarks of a KML file, in its order; its CRS is longitude and latitude.
 
     Raises
@@ -44,14 +42,14 @@ def read_kml(path: Path) -> List[Outline]:
     placemarks = _Placemarks(path.name)
     try:
         placemarks.parse(check_file(path))
+    except AreaError:
+        raise
     except (expat.ExpatError, ValueError, LookupError) as error:  # LookupError: its encoding
-        if isinstance(error, AreaError):
-            raise
         raise AreaError(
             f"{path.name} is not valid KML ({str(error)[:80]}); export it again, or as GeoJSON"
         ) from None
     document = {"type": "FeatureCollection", "crs": _CRS, "features": placemarks.features}
-    return geojson_outlines(document, path.name)
+    return geojson_polygons(document, path.name)
 
 
 class _Placemarks:
@@ -79,7 +77,7 @@ class _Placemarks:
 
     def _doctype(self, *declared: object) -> None:
         raise AreaError(
-            f"{self._where} has a document type, which KML has not and which could refer to "
+            f"{self._where} has a document type, which KML does not have and which could refer to "
             "other files; export it again, or as GeoJSON"
         )
 
@@ -87,14 +85,13 @@ class _Placemarks:
         name = element.rpartition(" ")[2]
         if not self._open and name != "kml":
             raise AreaError(
-                f"{self._where} is no KML: its root is <{name[:40]}>; expected <kml>: export it "
+                f"{self._where} is not KML: its root is <{name[:40]}>; expected <kml>: export it "
                 "again, or as GeoJSON"
             )
         if len(self._open) >= _DEEPEST:
             raise AreaError(
                 f"{self._where} is nested too deeply for KML; export it again, or as GeoJSON"
             )
-        within = self._open[-1] if self._open else ""
         self._open.append(name)
         if name == "Placemark":
             self._bound(len(self.features) + 1, MAX_POLYGONS, "placemarks")
@@ -106,7 +103,7 @@ class _Placemarks:
         elif name in _OTHERS and self._rings is None:
             self._bound(len(self._geometries) + 1, MAX_VERTICES, "points and lines")
             self._geometries.append({"type": _OTHERS[name]})
-        elif name == "coordinates" or (name == "name" and within == "Placemark"):
+        elif name == "coordinates" or self._open[-2:] == ["Placemark", "name"]:
             self._text = []
 
     def _characters(self, text: str) -> None:
@@ -143,22 +140,20 @@ class _Placemarks:
             )
 
     def _close(self) -> None:
-        geometries = self._geometries or []
-        geometry: Optional[Dict[str, Any]] = None
-        if len(geometries) == 1:
-            geometry = geometries[0]
-        elif geometries and all(item["type"] == "Polygon" for item in geometries):
-            parts = [item["coordinates"] for item in geometries]
-            geometry = {"type": "MultiPolygon", "coordinates": parts}
-        elif geometries:
-            geometry = {"type": "GeometryCollection", "geometries": geometries}
+        parts = self._geometries or []
+        geometry: Optional[Dict[str, Any]] = {"type": "GeometryCollection", "geometries": parts}
+        if len(parts) < 2:
+            geometry = parts[0] if parts else None
+        elif all(part["type"] == "Polygon" for part in parts):
+            rings = [part["coordinates"] for part in parts]
+            geometry = {"type": "MultiPolygon", "coordinates": rings}
         properties = {"name": self._name}
         self.features.append({"type": "Feature", "properties": properties, "geometry": geometry})
         self._geometries = None
 
 
 def _positions(text: str) -> Iterator[List[Any]]:
-    """Give lists of numbers; what is no number stays a text, and is told as such later."""
+    """Yield [x, y]; what is not a number stays a text, which is refused later."""
     for entry in _POSITION.finditer(text):
         yield [_number(value.strip()) for value in entry.group()[:_LONGEST].split(",")[:2]]
 

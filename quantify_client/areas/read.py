@@ -1,4 +1,4 @@
-"""The areas to be measured: polygons from anywhere, into the measuring frame.
+"""Read the areas to be measured from any source, and move them to the measuring frame.
 
 Which CRS the coordinates are in: a ``crs`` member or the format's own CRS wins; without one and
 with a cloud without CRS they are cloud coordinates; all ``|x| <= 180`` and ``|y| <= 90`` are WGS84
@@ -13,7 +13,7 @@ import re
 import unicodedata
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, List, Mapping, Optional, Sequence, Set, Tuple, Union
+from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple, Union
 
 import numpy as np
 import shapely
@@ -27,8 +27,8 @@ from ..crs import (
     transfer_accuracy_m,
 )
 from ..errors import AreaError, CrsError
-from ..types import MAX_COORDINATE, AreaFailure, Bounds, FloatArray
-from .geojson import Outline, geojson_outlines, read_geojson
+from ..types import MAX_COORDINATE, AreaFailure, Bounds, Notice
+from .geojson import DrawnPolygon, geojson_polygons, read_geojson
 from .kml import read_kml
 from .vector import VECTOR_SUFFIXES, read_vector
 
@@ -70,7 +70,7 @@ class AreaSet:
     """All areas of one file, in its order; a failure stands where a polygon cannot be used."""
 
     areas: Sequence[Union[Area, AreaFailure]]
-    warnings: Sequence[str]
+    warnings: Sequence[Notice]
 
 
 def read_areas(
@@ -95,19 +95,21 @@ def read_areas(
     """
     box = None if bounds is None else _box(frame.bounds_to_frame(bounds))
     if isinstance(area, shapely.Geometry):
-        return _given(area, box)
-    outlines, notes, where = _polygons(area)
+        return AreaSet((_given(area, box),), ())
+    drawn, notes, where = _polygons(area)
     if turned:
-        outlines = [replace(o, polygon=o.polygon and _turned(o.polygon)) for o in outlines]
-    _check_crs(outlines, frame, where)
-    implied = _implied_crs(outlines, frame, bounds, box, where, notes)
-    names, areas = _Names(), []
-    for number, outline in enumerate(outlines, 1):
-        name = names.unique(outline.label, number)
-        if outline.dropped:
-            notes.append(f"{name}: {outline.dropped} members of its collection are no polygons")
-        areas.append(_area(name, outline, outline.crs or implied, frame, box))
-    notes += _coarse(outlines, implied, frame)
+        drawn = [replace(d, polygon=d.polygon and _turned(d.polygon)) for d in drawn]
+    _check_crs(drawn, frame, where)
+    implied = _implied_crs(drawn, frame, bounds, box, where, notes)
+    used: Set[str] = set()
+    areas = []
+    for number, one in enumerate(drawn, 1):
+        name = _unique(_clean(one.label) or f"area-{number}", used)
+        if one.dropped:
+            text = f"{name}: {one.dropped} members of its collection are not polygons"
+            notes.append(Notice("area-parts-dropped", text, area=name, parts=one.dropped))
+        areas.append(_area(name, one, one.crs or implied, frame, box))
+    notes += _coarse(drawn, implied, frame)
     return AreaSet(tuple(areas), tuple(notes))
 
 
@@ -117,48 +119,46 @@ def require_polygons(area: Any) -> None:
         _polygons(area)
 
 
-def _polygons(area: Any) -> Tuple[List[Outline], List[str], str]:
-    outlines, notes, where = _outlines(area)
-    if all(outline.foreign for outline in outlines):
-        raise AreaError(f"{where} holds no polygon; draw the areas to be measured as polygons")
-    return outlines, notes, where
-
-
-def _outlines(area: Any) -> Tuple[List[Outline], List[str], str]:
-    """Outlines, warnings, and what to call their source in a message."""
+def _polygons(area: Any) -> Tuple[List[DrawnPolygon], List[Notice], str]:
+    """Return the polygons, warnings, and what to call their source in a message."""
+    notes: List[Notice] = []
     if isinstance(area, Mapping):
-        return geojson_outlines(area), [], "the GeoJSON object"
-    if not isinstance(area, (str, os.PathLike)):
+        where = "the GeoJSON object"
+        drawn = geojson_polygons(area, where)
+    elif isinstance(area, (str, os.PathLike)):
+        path = Path(os.fsdecode(area))
+        where, ending = path.name, path.suffix.lower()
+        if ending in VECTOR_SUFFIXES:
+            drawn, notes = read_vector(path)
+        else:
+            drawn = read_kml(path) if ending == ".kml" else read_geojson(path)
+    else:
         raise AreaError(
             f"an area cannot be a {type(area).__name__}: expected a path, a GeoJSON mapping or a "
             "shapely polygon"
         )
-    path = Path(os.fsdecode(area))
-    if path.suffix.lower() == ".kml":
-        return read_kml(path), [], path.name
-    if path.suffix.lower() in VECTOR_SUFFIXES:
-        return (*read_vector(path), path.name)
-    return read_geojson(path), [], path.name
+    if all(one.not_polygon for one in drawn):
+        raise AreaError(f"{where} holds no polygon; draw the areas to be measured as polygons")
+    return drawn, notes, where
 
 
-def _given(geometry: Any, box: Any) -> AreaSet:
+def _given(geometry: Any, box: Any) -> Union[Area, AreaFailure]:
+    """Return a shapely polygon, which is in the frame already."""
     if geometry.geom_type not in ("Polygon", "MultiPolygon") or geometry.is_empty:
         state = "an empty" if geometry.is_empty else "a"
         raise AreaError(f"the area is {state} {geometry.geom_type}: expected a polygon")
     polygon, problem = _judged(shapely.force_2d(geometry))
     problem = problem or _outside(polygon, box)
-    if problem:
-        return AreaSet((AreaFailure("area-1", problem),), ())
-    return AreaSet((Area("area-1", polygon),), ())
+    return AreaFailure("area-1", problem) if problem else Area("area-1", polygon)
 
 
 def _area(
-    name: str, outline: Outline, crs: Optional[str], frame: Frame, box: Any
+    name: str, one: DrawnPolygon, crs: Optional[str], frame: Frame, box: Any
 ) -> Union[Area, AreaFailure]:
-    """Judge and move one polygon; a crs of None means the cloud's own coordinates."""
-    if outline.polygon is None:
-        return AreaFailure(name, outline.problem)
-    drawn, problem = _judged(shapely.force_2d(outline.polygon))
+    """Check and move one polygon; a crs of None means the cloud's own coordinates."""
+    if one.polygon is None:
+        return AreaFailure(name, one.problem)
+    drawn, problem = _judged(shapely.force_2d(one.polygon))
     if problem:
         return AreaFailure(name, problem)
     try:
@@ -168,7 +168,7 @@ def _area(
         problem = f"cannot be placed: {error}"
     if problem:
         return AreaFailure(name, problem + _swap_hint(drawn, crs, frame, box))
-    return Area(name, polygon, outline.properties)
+    return Area(name, polygon, one.properties)
 
 
 def _moved(polygon: Any, crs: Optional[str], frame: Frame) -> Any:
@@ -177,9 +177,9 @@ def _moved(polygon: Any, crs: Optional[str], frame: Frame) -> Any:
     return geometry_to_frame(polygon, crs, frame)
 
 
-def _check_crs(outlines: Sequence[Outline], frame: Frame, where: str) -> None:
+def _check_crs(drawn: Sequence[DrawnPolygon], frame: Frame, where: str) -> None:
     """Refuse CRSs that are unknown, or of no use with a cloud that has none."""
-    for crs in sorted({outline.crs for outline in outlines if outline.crs is not None}):
+    for crs in sorted({one.crs for one in drawn if one.crs is not None}):
         try:
             is_geographic(crs)
         except CrsError as error:
@@ -192,15 +192,15 @@ def _check_crs(outlines: Sequence[Outline], frame: Frame, where: str) -> None:
 
 
 def _implied_crs(
-    outlines: Sequence[Outline],
+    drawn: Sequence[DrawnPolygon],
     frame: Frame,
     bounds: Optional[Bounds],
     box: Any,
     where: str,
-    notes: List[str],
+    notes: List[Notice],
 ) -> Optional[str]:
     """Tell the CRS of the polygons that do not say theirs; None is the cloud's own."""
-    loose = [o.polygon for o in outlines if o.polygon is not None and o.crs is None]
+    loose = [one.polygon for one in drawn if one.polygon is not None and one.crs is None]
     loose = [polygon for polygon in loose if np.isfinite(polygon.bounds).all()]
     if not loose or frame.cloud_crs is None:
         return None
@@ -210,7 +210,8 @@ def _implied_crs(
     cloud = None if bounds is None else _box(bounds)
     if cloud is None or any(_overlap(polygon.bounds, cloud) for polygon in loose):
         own = label(frame.geographic_crs or frame.crs or "")
-        notes.append(f"{where} names no CRS: taken to be in the cloud's own ({own})")
+        text = f"{where} names no CRS: taken to be in the cloud's own ({own})"
+        notes.append(Notice("area-crs-assumed", text, file=where, crs=own))
         return None
     turned_crs = _WGS84 if _in_degrees(_turned(shapely.box(*extent)).bounds) else None
     hint = next(filter(None, (_swap_hint(p, turned_crs, frame, box) for p in loose)), "")
@@ -221,16 +222,18 @@ def _implied_crs(
     )
 
 
-def _coarse(outlines: Sequence[Outline], implied: Optional[str], frame: Frame) -> List[str]:
-    """Warn of datum transformations that move polygons by more than they are worth."""
-    notes, seen = [], set()
-    for outline in outlines:
-        crs = outline.crs or implied
-        if crs is None or crs in seen or outline.polygon is None:
-            continue
-        seen.add(crs)
+def _coarse(
+    drawn: Sequence[DrawnPolygon], implied: Optional[str], frame: Frame
+) -> Iterator[Notice]:
+    """Warn of datum transformations that are less accurate than polygons are drawn."""
+    first: Dict[str, Any] = {}  # polygon of each CRS
+    for one in drawn:
+        crs = one.crs or implied
+        if crs is not None and one.polygon is not None:
+            first.setdefault(crs, one.polygon)
+    for crs, polygon in first.items():
         try:
-            accuracy_m = transfer_accuracy_m(crs, frame, *outline.polygon.bounds[:2])
+            accuracy_m = transfer_accuracy_m(crs, frame, *polygon.bounds[:2])
         except CrsError:
             continue  # this polygon has failed already
         if not accuracy_m <= _COARSE_M:
@@ -239,11 +242,11 @@ def _coarse(outlines: Sequence[Outline], implied: Optional[str], frame: Frame) -
                 if math.isnan(accuracy_m)
                 else f"only {accuracy_m:g} m: their datums differ"
             )
-            notes.append(
+            text = (
                 f"polygons in {label(crs)} are placed on the cloud ({label(frame.crs or '')}) with "
                 f"{known}; draw them in the cloud's CRS if that matters"
             )
-    return notes
+            yield Notice("area-datum-coarse", text, crs=crs, accuracy_m=accuracy_m)
 
 
 def _judged(polygon: Any) -> Tuple[Any, str]:
@@ -333,10 +336,8 @@ def _swap_hint(polygon: Any, crs: Optional[str], frame: Frame, box: Any) -> str:
 
 
 def _turned(polygon: Any) -> Any:
-    def swap(xy: FloatArray) -> FloatArray:
-        return xy[:, ::-1]
-
-    return shapely.transform(polygon, swap)
+    """Return a polygon with x and y exchanged."""
+    return shapely.transform(polygon, np.fliplr)
 
 
 def _in_degrees(box: Any) -> bool:
@@ -344,21 +345,14 @@ def _in_degrees(box: Any) -> bool:
     return bool(max(-box[0], box[2]) <= 180 and max(-box[1], box[3]) <= 90)
 
 
-class _Names:
-    """Names that are clean, short and unique."""
-
-    def __init__(self) -> None:
-        self._used: Set[str] = set()
-
-    def unique(self, label: Any, number: int) -> str:
-        """Take the label, else ``area-number``; a second one of the same name gets ``-2``."""
-        wanted = _clean(label) or f"area-{number}"
-        name, copy = wanted, 1
-        while name in self._used:
-            copy += 1
-            name = f"{wanted}-{copy}"
-        self._used.add(name)
-        return name
+def _unique(wanted: str, used: Set[str]) -> str:
+    """Return the name; a second one of the same name gets ``-2``."""
+    name, copy = wanted, 1
+    while name in used:
+        copy += 1
+        name = f"{wanted}-{copy}"
+    used.add(name)
+    return name
 
 
 def _clean(label: Any) -> str:

@@ -1,4 +1,4 @@
-"""Shapefile, GeoPackage, DXF and FlatGeobuf -> outlines, through pyogrio when installed."""
+"""Read polygons from Shapefile, GeoPackage, DXF and FlatGeobuf, with pyogrio when installed."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ import numpy as np
 import shapely
 
 from ..errors import AreaError, MissingExtraError
-from ..files.reading import real_path
-from ..files.signatures import private_copy, require_signature
+from ..files.reading import private_copy, real_path, require_signature
+from ..types import Notice
 from ..version import how_to_add
-from .geojson import MAX_BYTES, MAX_POLYGONS, MAX_VERTICES, Outline, check_file
+from .geojson import MAX_BYTES, MAX_POLYGONS, DrawnPolygon, bounded, check_file
 
 __all__ = ["VECTOR_SUFFIXES", "read_vector"]
 
@@ -31,19 +31,19 @@ _BESIDE = {".shp": (".shx", ".dbf", ".prj", ".cpg"), ".gpkg": (".gpkg-wal",)}
 #: How a DXF begins, perhaps after comments (group 999).
 _DXF = re.compile(rb"(?:\xef\xbb\xbf)?(?:\s*999[ \t]*\r?\n[^\n]*\n)*\s*0[ \t]*\r?\n[ \t]*SECTION\s")
 
-#: Comments of our own before a DXF's: GDAL tells other formats by words in the first kilobytes.
+#: Comments put before a DXF's own: GDAL recognises other formats by words in the first kilobytes.
 _DXF_LEAD = b"999\noutlines\n" * 10_000
 
 #: The only virtual table that a GeoPackage needs: the index of its geometries.
 _VIRTUAL = re.compile(r"create\s+virtual\s+table\s.*\susing\s+\W?rtree\W", re.I | re.S)
 
 
-def read_vector(path: Path) -> Tuple[List[Outline], List[str]]:
+def read_vector(path: Path) -> Tuple[List[DrawnPolygon], List[Notice]]:
     """Read every layer of a vector file.
 
     Returns
     -------
-    outlines : in file order; the CRS is the layer's own, None where it has none.
+    polygons : in file order; the CRS is the layer's own, None where it has none.
     warnings : what the reader had to say.
 
     Raises
@@ -63,23 +63,23 @@ def read_vector(path: Path) -> Tuple[List[Outline], List[str]]:
             f"{path.name} needs pyogrio, which is missing: export the polygons as GeoJSON, or "
             f"add it ({how_to_add('vector')})"
         ) from error
-    outlines: List[Outline] = []
+    polygons: List[DrawnPolygon] = []
     with _readable(path, data) as copy, warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
             for layer, geometry_type in pyogrio.list_layers(copy):
                 if geometry_type is not None:
                     table = read(copy, layer=layer, force_2d=True, max_features=MAX_POLYGONS + 1)
-                    outlines += _layer_outlines(path, *table)
+                    polygons += _layer_polygons(path, *table)
         # pyogrio's own errors are among them; NameError is a fault of its at a damaged .prj.
         except (ValueError, RuntimeError, NameError) as error:
             fault = str(error).replace(f"{copy.parent}{os.sep}file", path.stem)
             raise _unreadable(path, fault) from error
-    _check_size(path, outlines)
     # What pyogrio says of the file; not what numpy says to pyogrio's programmers.
     said = [str(w.message) for w in caught if not issubclass(w.category, DeprecationWarning)]
     notes = {" ".join(text.replace(str(copy), path.name).split())[:200] for text in said}
-    return outlines, [f"{path.name}: {note}" for note in sorted(notes)]
+    told = [Notice("area-file-warning", f"{path.name}: {n}", file=path.name) for n in sorted(notes)]
+    return bounded(polygons, path.name), told
 
 
 @contextmanager
@@ -124,18 +124,21 @@ def _require_tables(path: Path, copy: Path) -> None:
             entries = database.execute("SELECT type, name, sql FROM sqlite_master").fetchall()
             layers = {name.lower() for (name,) in database.execute(_LAYERS)}
             for kind, name, sql in entries:
-                if kind == "table" and not _is_plain(database, name, sql or ""):
-                    raise _computed(path, name)
-                if kind == "view" and name.lower() in layers:
-                    raise _computed(path, name)
+                computed = kind == "table" and not _is_plain(database, name, sql or "")
+                if computed or (kind == "view" and name.lower() in layers):
+                    raise AreaError(
+                        f"{path.name}: {name[:60]!r} is computed by the database (a view, a "
+                        "virtual table or a generated column); expected a table of polygons: "
+                        "export them as GeoJSON"
+                    )
             for kind, name, _ in entries:
                 if kind in ("view", "trigger"):
                     quoted = name.replace('"', '""')
                     database.execute(f'DROP {kind} IF EXISTS "{quoted}"')
             database.commit()
+    except AreaError:
+        raise
     except (sqlite3.Error, ValueError) as error:
-        if isinstance(error, AreaError):
-            raise
         raise _unreadable(path, str(error)) from error
 
 
@@ -150,68 +153,45 @@ def _is_plain(database: sqlite3.Connection, name: str, sql: str) -> bool:
     return hidden.fetchone() is None
 
 
-def _computed(path: Path, name: str) -> AreaError:
-    return AreaError(
-        f"{path.name}: {name[:60]!r} is computed by the database (a view, a virtual table or a "
-        "generated column); expected a table of polygons: export them as GeoJSON"
-    )
-
-
 def _unreadable(path: Path, said: str) -> AreaError:
     said = " ".join(said.split())[:200]
     return AreaError(f"{path.name} cannot be read: {said}; export the polygons as GeoJSON")
 
 
-def _check_size(path: Path, outlines: List[Outline]) -> None:
-    vertices = sum(int(shapely.get_num_coordinates(outline.polygon)) for outline in outlines)
-    if len(outlines) > MAX_POLYGONS or vertices > MAX_VERTICES:
-        raise AreaError(
-            f"{path.name} holds more than {MAX_POLYGONS:,} polygons or {MAX_VERTICES:,} vertices; "
-            "keep only the polygons to be measured, or simplify them"
-        )
-
-
-def _layer_outlines(
+def _layer_polygons(
     path: Path, meta: Any, fids: Any, geometries: Any, columns: Any
-) -> List[Outline]:
-    """Turn one layer as pyogrio reads it (WKB, columns) into outlines."""
-    lines_may_close = path.suffix.lower() == ".dxf"
-    fields = list(meta["fields"])
-    names = _name_column(fields, columns)
-    crs: Optional[str] = meta["crs"]
-    outlines = []
+) -> Iterator[DrawnPolygon]:
+    """Yield the polygons of one layer as pyogrio reads it (WKB, columns)."""
+    fields: List[str] = list(meta["fields"])
+    named = next(
+        (column for field, column in zip(fields, columns) if field.lower() == "name"), None
+    )
     for number, geometry in enumerate(shapely.from_wkb(geometries, on_invalid="ignore")):
-        label = None if names is None else names[number]
+        label = None if named is None else named[number]
+        if isinstance(label, np.generic):
+            label = label.item()
+        if path.suffix.lower() == ".dxf" and _is_closed_line(geometry):
+            geometry = shapely.Polygon(geometry.coords)  # DXF has closed polylines, not polygons
         properties = {field: column[number] for field, column in zip(fields, columns)}
-        outline = _outline(geometry, label, crs, lines_may_close)
-        outlines.append(replace(outline, properties=properties))
-    return outlines
+        yield replace(_drawn(geometry, label, meta["crs"]), properties=properties)
 
 
-def _name_column(fields: List[str], columns: Any) -> Any:
-    for number, field in enumerate(fields):
-        if field.lower() == "name":
-            return columns[number]
-    return None
-
-
-def _outline(geometry: Any, label: Any, crs: Optional[str], lines_may_close: bool) -> Outline:
-    if isinstance(label, np.generic):
-        label = label.item()
+def _drawn(geometry: Any, label: Any, crs: Optional[str]) -> DrawnPolygon:
     if geometry is None or geometry.is_empty:
-        return Outline(label, None, crs, "has no geometry; draw its polygon", foreign=True)
-    if lines_may_close and _is_outline(geometry):
-        geometry = shapely.Polygon(geometry.coords)  # DXF has closed polylines and no polygons
-    if geometry.geom_type in ("Polygon", "MultiPolygon"):
-        return Outline(label, geometry, crs)
-    if geometry.geom_type == "GeometryCollection":
-        parts = [part for part in geometry.geoms if part.geom_type == "Polygon"]
-        if parts:
-            dropped = len(geometry.geoms) - len(parts)
-            return Outline(label, shapely.MultiPolygon(parts), crs, dropped=dropped)
+        problem = "has no geometry; draw its polygon"
+        return DrawnPolygon(label, None, crs, problem, not_polygon=True)
     kind = geometry.geom_type
-    return Outline(label, None, crs, f"is a {kind}, not a polygon; draw a polygon", foreign=True)
+    if kind in ("Polygon", "MultiPolygon"):
+        return DrawnPolygon(label, geometry, crs)
+    parts = [p for p in shapely.get_parts(geometry) if p.geom_type == "Polygon"]
+    if parts:
+        dropped = len(geometry.geoms) - len(parts)
+        return DrawnPolygon(label, shapely.MultiPolygon(parts), crs, dropped=dropped)
+    problem = f"is a {kind}, not a polygon; draw a polygon"
+    return DrawnPolygon(label, None, crs, problem, not_polygon=True)
 
 
-def _is_outline(geometry: Any) -> bool:
-    return geometry.geom_type == "LineString" and geometry.is_closed and len(geometry.coords) > 3
+def _is_closed_line(geometry: Any) -> bool:
+    if geometry is None or geometry.geom_type != "LineString":
+        return False
+    return bool(geometry.is_closed and len(geometry.coords) > 3)

@@ -19,9 +19,9 @@ from pyproj.crs import (  # type: ignore[attr-defined]
 from pyproj.crs.datum import CustomDatum
 from pyproj.exceptions import ProjError
 
-from ..errors import CrsError
-from .projection import CRS, parse
-from .statements import Statement, Unit, in_unit
+from ..types import Notice
+from .projection import CRS, Unit, known_crs, parse
+from .statements import Statement, in_unit
 
 __all__ = ["ORIGIN", "statement_of"]
 
@@ -88,14 +88,21 @@ def statement_of(keys: Mapping[int, float], texts: Mapping[int, str]) -> Stateme
     keys : those with one finite number, by id.
     texts : those with a text (citations), by id.
     """
-    unit = _unit_of(keys, _UNIT, _UNIT_SIZE)
-    vertical, height_unit, notes = _heights(keys)
-    if unit is None and keys.get(_UNIT, 0):
-        notes.append(
-            f"{ORIGIN}: the unit of x and y, {keys[_UNIT]:.0f}, is not known here and not used"
-        )
+    notes: List[Notice] = []
+    height_unit = _unit(keys, _VERTICAL_UNIT, "heights", notes)
+    unit = _unit(keys, _UNIT, "x and y", notes)
+    # Many files hold the code of a datum (5103) or of an ellipsoid where a vertical CRS should
+    # stand: it says nothing of units.
+    heights = _epsg(_code(keys, _VERTICAL))
+    vertical = f"EPSG:{_code(keys, _VERTICAL)}" if heights and heights.is_vertical else None
     crs = _plane(keys, texts, unit, notes)
     projected = keys.get(_MODEL) != _GEOGRAPHIC_MODEL
+    places = {
+        **_plane_places(keys, texts),
+        "horizontal unit": _UNIT if unit else None,
+        "heights": _VERTICAL if vertical else None,
+        "vertical unit": _VERTICAL_UNIT if height_unit else _VERTICAL if vertical else None,
+    }
     return Statement(
         ORIGIN,
         crs,
@@ -103,83 +110,60 @@ def statement_of(keys: Mapping[int, float], texts: Mapping[int, str]) -> Stateme
         vertical,
         height_unit,
         tuple(notes),
-        _places(keys, texts, unit, vertical, height_unit),
+        {part: f"GeoTIFF key {key}" for part, key in places.items() if key is not None},
     )
 
 
-def _places(
-    keys: Mapping[int, float],
-    texts: Mapping[int, str],
-    unit: Optional[Unit],
-    vertical: Optional[str],
-    height_unit: Optional[Unit],
-) -> Dict[str, str]:
-    """Return the key that says each part."""
-    code = int(keys.get(_PROJECTED, 0))
-    named = 0 < code < _USER_DEFINED
+def _plane_places(keys: Mapping[int, float], texts: Mapping[int, str]) -> Dict[str, Optional[int]]:
+    """Return the key that says each part of the plane."""
     cited = () if keys.get(_MODEL) == _GEOGRAPHIC_MODEL else [k for k in _CITATIONS if k in texts]
-    coded = [key for key in (_PROJECTED, _PROJECTION, _METHOD) if _names(keys, key)]
+    coded = [key for key in (_PROJECTED, _PROJECTION, _METHOD) if _code(keys, key)]
     crs = (*coded, *cited, _GEOGRAPHIC)[0]
-    places = {"CRS": crs}
-    if not named:
-        base = next((key for key in (_GEOGRAPHIC, _DATUM, _ELLIPSOID) if _names(keys, key)), crs)
-        places["datum"] = base
-    if unit is not None:
-        places["horizontal unit"] = _UNIT
-    if vertical is not None:
-        places["heights"] = _VERTICAL
-    if height_unit is not None:
-        places["vertical unit"] = _VERTICAL_UNIT
-    elif vertical is not None:
-        places["vertical unit"] = _VERTICAL
-    return {part: f"GeoTIFF key {key}" for part, key in places.items()}
+    if _code(keys, _PROJECTED):
+        return {"CRS": crs}
+    base = next((key for key in (_GEOGRAPHIC, _DATUM, _ELLIPSOID) if _code(keys, key)), crs)
+    return {"CRS": crs, "datum": base}
 
 
-def _names(keys: Mapping[int, float], key: int) -> bool:
-    """Whether a key holds a code of EPSG, or of GeoTIFF's own."""
-    return 0 < int(keys.get(key, 0)) < _USER_DEFINED
+def _code(keys: Mapping[int, float], key: int) -> int:
+    """Return the code of EPSG, or of GeoTIFF's own, in a key; 0 where there is none."""
+    code = int(keys.get(key, 0))
+    return code if 0 < code < _USER_DEFINED else 0
 
 
-def _unit_of(keys: Mapping[int, float], code: int, size: int) -> Optional[Unit]:
-    named = int(keys.get(code, 0))
-    if named == _USER_DEFINED:
-        metres = keys.get(size, 0.0)
-        return ("user-defined", float(metres)) if 0 < metres < 1e6 else None
-    return _UNITS.get(named)
+def _epsg(code: int) -> Optional[CRS]:
+    return known_crs(f"EPSG:{code}") if code > 0 else None
 
 
-def _heights(keys: Mapping[int, float]) -> Tuple[Optional[str], Optional[Unit], List[str]]:
-    """Return the vertical CRS and the unit of heights, where there are any.
-
-    Many files hold the code of a datum (5103) or of an ellipsoid where a vertical CRS should
-    stand: it says nothing of units.
-    """
-    code, notes = int(keys.get(_VERTICAL, 0)), []
-    vertical = None
-    if 0 < code < _USER_DEFINED:
-        known = _known(f"EPSG:{code}")
-        if known is not None and known.is_vertical:
-            vertical = f"EPSG:{code}"
-    unit = int(keys.get(_VERTICAL_UNIT, 0))
-    if unit not in (0, _USER_DEFINED) and unit not in _UNITS:
-        notes.append(f"{ORIGIN}: the unit of heights, {unit}, is not known here and not used")
-    return vertical, _UNITS.get(unit), notes
+def _unit(keys: Mapping[int, float], key: int, of: str, notes: List[Notice]) -> Optional[Unit]:
+    """Return the unit of length that a key names; note where it is not known."""
+    code = int(keys.get(key, 0))
+    metres = keys.get(_UNIT_SIZE, 0.0)
+    if key == _UNIT and code == _USER_DEFINED and 0 < metres < 1e6:
+        return "user-defined", float(metres)
+    if code in _UNITS:
+        return _UNITS[code]
+    if code != 0 and (key, code) != (_VERTICAL_UNIT, _USER_DEFINED):
+        text = f"{ORIGIN}: the unit of {of}, {code}, is not known here and not used"
+        notes.append(Notice("unit-code-unknown", text, unit=code))
+    return None
 
 
 def _plane(
-    keys: Mapping[int, float], texts: Mapping[int, str], unit: Optional[Unit], notes: List[str]
+    keys: Mapping[int, float], texts: Mapping[int, str], unit: Optional[Unit], notes: List[Notice]
 ) -> Optional[str]:
     for text in texts.values():
         embedded = _EMBEDDED.search(text)
-        if embedded is not None and _known(embedded.group(1)) is not None:
+        if embedded is not None and known_crs(embedded.group(1)) is not None:
             return embedded.group(1)
     if keys.get(_MODEL) == _GEOCENTRIC_MODEL:
         return _GEOCENTRIC  # whichever its datum is: it has no plane to measure in
     code = int(keys.get(_PROJECTED, 0))
     if code not in (0, _USER_DEFINED):
-        if _known(f"EPSG:{code}") is not None:
+        if _epsg(code) is not None:
             return f"EPSG:{code}"
-        notes.append(f"{ORIGIN}: EPSG:{code} is not known here and not used")
+        text = f"{ORIGIN}: EPSG:{code} is not known here and not used"
+        notes.append(Notice("crs-unknown", text, origin=ORIGIN, crs=f"EPSG:{code}"))
     named = None if keys.get(_METHOD) or keys.get(_PROJECTION) else _by_name(texts)
     if named is not None:
         return named
@@ -189,7 +173,8 @@ def _plane(
     if base is not None:
         plain = base.to_epsg()
         return f"EPSG:{plain}" if plain else str(base.to_wkt())
-    notes.append(f"{ORIGIN}: they name no CRS; the cloud is taken to have none (--crs gives one)")
+    text = f"{ORIGIN}: they name no CRS; the cloud is taken to have none (--crs gives one)"
+    notes.append(Notice("crs-not-named", text))
     return None
 
 
@@ -197,36 +182,25 @@ def _by_name(texts: Mapping[int, str]) -> Optional[str]:
     """Return the projected CRS whose very name in EPSG is a citation; None where there is none."""
     for key in _CITATIONS:
         name = texts.get(key, "").strip("\0| \t\r\n")
-        found = _known(name) if name else None
+        found = known_crs(name) if name else None
         if found is not None and found.is_projected and found.name == name:
             code = found.to_epsg()
             return None if code is None else f"EPSG:{code}"
     return None
 
 
-def _known(text: str) -> Optional[CRS]:
-    try:
-        return parse(text)
-    except CrsError:
-        return None
-
-
 def _spelled_out(
-    keys: Mapping[int, float], unit: Optional[Unit], notes: List[str]
+    keys: Mapping[int, float], unit: Optional[Unit], notes: List[Notice]
 ) -> Optional[str]:
     """Return the projection that keys spell out, in its unit."""
     base = _base(keys)
     conversion = None if base is None else _conversion(keys, unit or _UNITS[9001])
     if base is None or conversion is None:
-        notes.append(
-            f"{ORIGIN}: the projection is user-defined and cannot be read; "
-            + (
-                f"only its unit ({unit[0]}) is used"
-                if unit
-                else "the cloud is taken to have no CRS"
-            )
-            + " (--crs gives one)"
+        used = f"only its unit ({unit[0]}) is used" if unit else "the cloud is taken to have no CRS"
+        text = (
+            f"{ORIGIN}: the projection is user-defined and cannot be read; {used} (--crs gives one)"
         )
+        notes.append(Notice("projection-unreadable", text))
         return None
     crs = CRS.from_json_dict(
         {
@@ -256,10 +230,9 @@ _PLANE = {
 
 def _conversion(keys: Mapping[int, float], unit: Unit) -> Optional[Dict[str, Any]]:
     """Return the projection as PROJJSON: EPSG's own by its code, or by method and parameters."""
-    code = int(keys.get(_PROJECTION, 0))
-    if 0 < code < _USER_DEFINED:
+    if _code(keys, _PROJECTION):
         try:
-            known = CoordinateOperation.from_epsg(code)
+            known = CoordinateOperation.from_epsg(_code(keys, _PROJECTION))
         except ProjError:
             return None
         return dict(known.to_json_dict()) if known.type_name == "Conversion" else None
@@ -283,10 +256,9 @@ def _conversion(keys: Mapping[int, float], unit: Unit) -> Optional[Dict[str, Any
 
 def _base(keys: Mapping[int, float]) -> Optional[CRS]:
     """Return the geographic CRS: by its code, by its datum's, or by its ellipsoid."""
-    code, datum = int(keys.get(_GEOGRAPHIC, 0)), int(keys.get(_DATUM, 0))
     # EPSG numbers its first geographic CRSs, 4001 to 4999, as their datums less 2000.
-    for candidate in (code, datum - 2000):
-        known = _known(f"EPSG:{candidate}") if 0 < candidate < _USER_DEFINED else None
+    for candidate in (_code(keys, _GEOGRAPHIC), _code(keys, _DATUM) - 2000):
+        known = _epsg(candidate)
         if known is not None and known.is_geographic:
             return known
     ellipsoid = _ellipsoid(keys)
@@ -303,10 +275,9 @@ def _base(keys: Mapping[int, float]) -> Optional[CRS]:
 
 
 def _ellipsoid(keys: Mapping[int, float]) -> Optional[Ellipsoid]:
-    code = int(keys.get(_ELLIPSOID, 0))
     try:
-        if 0 < code < _USER_DEFINED:
-            return Ellipsoid.from_epsg(code)
+        if _code(keys, _ELLIPSOID):
+            return Ellipsoid.from_epsg(_code(keys, _ELLIPSOID))
         major = keys.get(_SEMI_MAJOR, 0.0)
         inverse = keys.get(_INVERSE_FLATTENING)
         if inverse is None and 0 < keys.get(_SEMI_MINOR, 0.0) < major:

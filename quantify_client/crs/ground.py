@@ -22,6 +22,7 @@ from .projection import (
     transform,
     transformer,
     unbound,
+    unit_of,
 )
 
 __all__ = [
@@ -160,4 +161,4 @@ def _metres_per_unit(crs: str) -> float:
     own = unbound(parse(crs))
     if own.is_geographic:
         return 40_000_000.0 / full_turn(crs)
-    return float(own.axis_info[0].unit_conversion_factor)
+    return unit_of(own)[1]

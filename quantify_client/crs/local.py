@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Optional, Tuple
+from typing import Tuple
 
 import numpy as np
 from pyproj import Transformer
@@ -16,7 +16,6 @@ from pyproj import Transformer
 from ..errors import CrsError
 from ..types import Bounds, FloatArray
 from .projection import (
-    CRS,
     WGS84,
     gaussian_radius,
     horizontal_wkt,
@@ -25,6 +24,7 @@ from .projection import (
     split,
     transform,
     unbound,
+    unit_of,
     utm_zone,
 )
 from .same import identifier
@@ -139,17 +139,13 @@ def utm_grid(frame: LocalFrame) -> str:
 def _geographic(crs: str) -> str:
     """The geographic CRS in degrees that a CRS is made on; its TOWGS84, if any, goes with it."""
     horizontal = split(parse(crs))[0]
-    plain: Optional[CRS] = unbound(horizontal).geodetic_crs
+    plain = unbound(horizontal).geodetic_crs
     if plain is None:
         raise CrsError(
             f"the CRS {short(crs)!r} has no place on the Earth; expected a geographic or projected "
             "one: EPSG:4326 for longitudes and latitudes"
         )
-    if horizontal.is_bound or abs(_degree(plain) - 1.0) > 1e-9:
+    if horizontal.is_bound or abs(unit_of(plain)[1] / math.radians(1.0) - 1.0) > 1e-9:
         # Bound to WGS84, or counted in gon: WGS84 itself is then the plainest place to be.
         return WGS84
     return str(plain.to_2d().to_wkt())
-
-
-def _degree(crs: CRS) -> float:
-    return float(crs.axis_info[0].unit_conversion_factor) / math.radians(1.0)

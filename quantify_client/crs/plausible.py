@@ -6,18 +6,17 @@ Pennsylvania into the Atlantic. The area of use of a CRS is EPSG's.
 
 from __future__ import annotations
 
-from typing import Any, List, Optional, Tuple
+from typing import Any, Optional, Tuple
 
 import numpy as np
 
 from ..errors import CrsError
-from ..types import Bounds
+from ..types import Bounds, Notice
 from .frame import UNITS_M, Frame
-from .placed import PlacedFrame
 from .projection import CRS, WGS84, areal_scale, codes_like, parse, short, split, transform, unbound
 from .statements import in_unit
 
-__all__ = ["doubts"]
+__all__ = ["location_warnings"]
 
 #: Surveys go on beyond the zone of their grid, by about another zone at most; in degrees.
 _MARGIN = 6.0
@@ -31,37 +30,36 @@ _SURE = 90
 _UNITS = (("US survey foot", UNITS_M["us-ft"]), ("foot", UNITS_M["ft"]), ("metre", 1.0))
 
 
-def doubts(frame: Frame, bounds: Optional[Bounds]) -> List[str]:
-    """Return warnings about a CRS that puts its cloud where it cannot be.
+def location_warnings(frame: Frame, bounds: Optional[Bounds]) -> Tuple[Notice, ...]:
+    """Return a warning where a CRS puts its cloud where it cannot be; none where all is well.
 
     Parameters
     ----------
     bounds : of the cloud, in its own coordinates.
     """
-    if isinstance(frame, PlacedFrame):
-        frame = frame.base
-    own = frame.cloud_crs
+    own = frame.delivered.cloud_crs
     if own is None or bounds is None:
-        return []
+        return ()
     crs = unbound(split(parse(own))[0])
     x, y = (bounds.min_x + bounds.max_x) / 2, (bounds.min_y + bounds.max_y) / 2
-    use = _area_of_use(crs)
-    if use is not None and not _inside(use, _place(crs, x, y), _MARGIN):
-        place = _place(crs, x, y)
+    use, place = _area_of_use(crs), _place(crs, x, y)
+    if use is not None and not _inside(use, place, _MARGIN):
         where = "nowhere on the Earth"
         if place is not None:
             where = f"at longitude {place[0]:.2f}, latitude {place[1]:.2f}"
-        return [
+        text = (
             f"the cloud's CRS ({short(crs.name)}) is for {short(use.name)}, and puts the cloud "
             f"{where}; {_cause(crs, use, x, y)}"
-        ]
+        )
+        return (Notice("outside-area-of-use", text, crs=crs.name, place=place),)
     factor = _grid_factor(crs, x, y)
     if factor is None or _FACTORS[0] <= factor <= _FACTORS[1] or _grows(crs):
-        return []
-    return [
+        return ()
+    text = (
         f"a length on the cloud's grid ({short(crs.name)}) is {factor:.3g} of that on the ground: "
         "the cloud is far from where this grid is meant for; check its CRS (--crs sets another)"
-    ]
+    )
+    return (Notice("grid-scale-implausible", text, crs=crs.name, factor=factor),)
 
 
 def _grid_factor(crs: CRS, x: float, y: float) -> Optional[float]:

@@ -10,10 +10,10 @@ import numpy as np
 
 from ..errors import CrsError
 from ..types import FloatArray
-from .projection import full_turn, horizontal_wkt, parse, short, split, transform, unbound
+from .projection import full_turn, horizontal_wkt, parse, short, split, transform, unbound, unit_of
 from .same import identifier
 
-__all__ = ["Plane", "odm_header", "plane_of", "positions_to"]
+__all__ = ["PlaneCoordinates", "odm_header", "plane_of", "positions_to"]
 
 _SAME_TURN = 1e-6
 _SAME_PLACE_M = 1e-3  # coordinates are written to millimetres
@@ -21,7 +21,7 @@ _METRES_PER_DEGREE = 111_320.0
 
 
 @dataclass(frozen=True)
-class Plane:
+class PlaneCoordinates:
     """What the x and y of a CRS are.
 
     Attributes
@@ -39,8 +39,8 @@ class Plane:
         return self.unit_m is None
 
 
-def plane_of(crs: str) -> Plane:
-    """Tell what the x and y of a CRS are; the heights of a compound CRS are left out.
+def plane_of(crs: str) -> PlaneCoordinates:
+    """Return what the x and y of a CRS are; the heights of a compound CRS are left out.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def plane_of(crs: str) -> Plane:
     own = unbound(horizontal)
     name = identifier(horizontal)
     if own.is_projected:
-        return Plane(name, float(own.axis_info[0].unit_conversion_factor))
+        return PlaneCoordinates(name, unit_of(own)[1])
     if not own.is_geographic:
         raise CrsError(
             f"{short(own.name)!r} is a {own.type_name}: expected longitude and latitude, such as "
@@ -60,10 +60,10 @@ def plane_of(crs: str) -> Plane:
         )
     if abs(full_turn(name) - 360) > _SAME_TURN:
         raise CrsError(
-            f"{short(own.name)!r} counts longitude and latitude in {own.axis_info[0].unit_name}: "
+            f"{short(own.name)!r} counts longitude and latitude in {unit_of(own)[0]}: "
             "expected degrees; give the positions in EPSG:4326"
         )
-    return Plane(name, None)
+    return PlaneCoordinates(name, None)
 
 
 def positions_to(

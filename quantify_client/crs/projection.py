@@ -26,12 +26,14 @@ from ..types import Bounds, FloatArray
 __all__ = [
     "CRS",
     "WGS84",
+    "Unit",
     "areal_scale",
     "codes_like",
     "full_turn",
     "gaussian_radius",
     "horizontal_wkt",
     "is_geographic",
+    "known_crs",
     "label",
     "parse",
     "short",
@@ -39,10 +41,14 @@ __all__ = [
     "transform",
     "transformer",
     "unbound",
+    "unit_of",
     "utm_zone",
 ]
 
 WGS84 = "EPSG:4326"
+
+Unit = Tuple[str, float]
+"""The name of a unit, and its metres (or radians)."""
 
 _MAX_LON_SPAN_DEG = 12.0  # two UTM zones: k grows to 1.005 at 45 degrees
 _JACOBIAN_STEP_DEG = 1e-4  # 11 m: curvature and rounding both stay below 1e-9 of the scale
@@ -67,6 +73,14 @@ def parse(text: str) -> CRS:
         ) from error
 
 
+def known_crs(text: str) -> Optional[CRS]:
+    """Return the CRS that a text means; None where it means none that is known here."""
+    try:
+        return parse(text)
+    except CrsError:
+        return None
+
+
 def split(crs: CRS) -> Tuple[CRS, Any]:
     """Split into the horizontal CRS (2-D) and the axis of the heights, if any."""
     axes = crs.axis_info
@@ -81,6 +95,12 @@ def split(crs: CRS) -> Tuple[CRS, Any]:
 def unbound(crs: CRS) -> CRS:
     """Strip a TOWGS84."""
     return crs.source_crs if crs.is_bound and crs.source_crs is not None else crs
+
+
+def unit_of(crs: CRS) -> Unit:
+    """Return the unit of x and y."""
+    axis = unbound(crs).axis_info[0]
+    return str(axis.unit_name), float(axis.unit_conversion_factor)
 
 
 def is_geographic(crs: str) -> bool:
@@ -111,7 +131,7 @@ def horizontal_wkt(text: str) -> str:
 @lru_cache(maxsize=64)
 def full_turn(geographic: str) -> float:
     """360 in the angular unit of a geographic CRS."""
-    return 2 * math.pi / float(unbound(parse(geographic)).axis_info[0].unit_conversion_factor)
+    return 2 * math.pi / unit_of(parse(geographic))[1]
 
 
 class _PerThread(threading.local):
@@ -126,20 +146,19 @@ _per_thread = _PerThread()
 
 def transformer(source: str, target: str) -> Optional[Transformer]:
     """Find this thread's transformer; None when both are the same but for axis order."""
-    known = _per_thread.transformers
-    if (source, target) not in known:
+    known, key = _per_thread.transformers, (source, target)
+    if key not in known:
         network.set_network_enabled(active=False)  # type: ignore[attr-defined]
         a, b = parse(source), parse(target)
         try:
             same = source == target or a.equals(b, ignore_axis_order=True)
-            made = None if same else Transformer.from_crs(a, b, always_xy=True)
+            known[key] = None if same else Transformer.from_crs(a, b, always_xy=True)
         except ProjError as error:
             raise CrsError(
                 f"no transformation from {short(a.name)} to {short(b.name)}: {short(error)}; "
                 "deliver the polygons and the cloud in the same CRS"
             ) from error
-        known[(source, target)] = made
-    return known[(source, target)]
+    return known[key]
 
 
 def transform(
@@ -227,8 +246,7 @@ def areal_scale(crs: CRS, x: float, y: float) -> Tuple[float, float]:
     if base is None or crs.ellipsoid is None:
         raise CrsError(f"{short(crs.name)} has no ellipsoid; measure with --grid (no correction)")
     grid, angles = crs.to_wkt(), base.to_2d().to_wkt()
-    radian = float(base.axis_info[0].unit_conversion_factor)
-    unit_m = float(crs.axis_info[0].unit_conversion_factor)
+    radian, unit_m = unit_of(base)[1], unit_of(crs)[1]
     step = math.radians(_JACOBIAN_STEP_DEG) / radian
     quarter = math.pi / 2 / radian
     lon, lat = (float(v[0]) for v in transform(grid, angles, np.array([x]), np.array([y])))

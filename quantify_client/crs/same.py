@@ -12,7 +12,7 @@ from typing import Any, Tuple
 import numpy as np
 
 from ..errors import CrsError
-from .projection import CRS, codes_like, parse, split, transform, unbound
+from .projection import CRS, codes_like, parse, split, transform, unbound, unit_of
 
 __all__ = [
     "differ_in",
@@ -45,8 +45,7 @@ def differences(one: CRS, other: CRS) -> Tuple[str, ...]:
     if on_earth and one.equals(other, ignore_axis_order=True):
         return ()
     found = []
-    axes = [float(crs.axis_info[0].unit_conversion_factor) for crs in (one, other)]
-    if not same_metres(*axes):
+    if not same_metres(unit_of(one)[1], unit_of(other)[1]):
         found.append("horizontal unit")
     if not _same_datum(one, other):
         found.append("datum")
@@ -131,7 +130,7 @@ def _agree_at_origin(one: CRS, other: CRS) -> bool:
     ]
     if len(origin) != 2:
         return False
-    units = [float(crs.axis_info[0].unit_conversion_factor) for crs in (one, other)]
+    units = unit_of(one)[1], unit_of(other)[1]
     x = origin[0] + np.array([0.0, 1.0, -1.0, 0.0, 0.0]) * _AROUND_M
     y = origin[1] + np.array([0.0, 0.0, 0.0, 1.0, -1.0]) * _AROUND_M
     try:
@@ -155,6 +154,4 @@ def _z_unit(plane: CRS, vertical: Any) -> float:
     if vertical is not None:
         metres = float(vertical.unit_conversion_factor)
         return -metres if vertical.direction == "down" else metres
-    if unbound(plane).is_geographic:
-        return 1.0
-    return float(unbound(plane).axis_info[0].unit_conversion_factor)
+    return 1.0 if unbound(plane).is_geographic else unit_of(plane)[1]

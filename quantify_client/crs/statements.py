@@ -13,15 +13,11 @@ import re
 from dataclasses import dataclass, field, replace
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
-from ..errors import CrsError
-from ..types import CloudInfo, CrsPart
-from .projection import CRS, horizontal_wkt, parse, short, split, unbound
+from ..types import CloudInfo, CrsPart, Notice
+from .projection import CRS, Unit, horizontal_wkt, known_crs, parse, short, split, unbound, unit_of
 from .same import differences, names_datum
 
-__all__ = ["ASSUMED", "Stated", "Statement", "Unit", "compound", "in_unit", "merge", "stated_by"]
-
-Unit = Tuple[str, float]
-"""The name of a unit of length, and its metres."""
+__all__ = ["ASSUMED", "Stated", "Statement", "compound", "in_unit", "merge", "stated_by"]
 
 Contrary = Tuple[str, str]
 """A value that was not believed, and what said it."""
@@ -60,7 +56,7 @@ class Statement:
     unit: Optional[Unit] = None
     vertical: Optional[str] = None
     height_unit: Optional[Unit] = None
-    warnings: Tuple[str, ...] = ()
+    warnings: Tuple[Notice, ...] = ()
     places: Mapping[str, str] = field(default_factory=dict)
     contradicted_by: Mapping[str, Tuple[Contrary, ...]] = field(default_factory=dict)
 
@@ -83,7 +79,7 @@ class Stated:
 
     crs: Optional[str] = None
     origin: Optional[str] = None
-    warnings: Tuple[str, ...] = ()
+    warnings: Tuple[Notice, ...] = ()
     parts: Tuple[CrsPart, ...] = ()
 
 
@@ -119,13 +115,15 @@ def merge(statements: Sequence[Statement]) -> Stated:
         usable.append(_checked(statement, warnings, first=not any(s.crs for s in usable)))
     plane = next((statement for statement in usable if statement.crs), None) or _bare(usable)
     heights = [known for known in (_heights_of(s, warnings) for s in usable) if known is not None]
-    if plane is None or plane.crs is None:
-        return Stated(None, None, (*warnings, *_heights_alone(heights)))
+    if plane is None:
+        return Stated(None, None, (*warnings, *map(_heights_alone, heights[:1])))
     contrary = _contradictions(plane, [s for s in usable if s is not plane], warnings)
-    crs, origin = _with_heights(plane, heights)
-    if _if_known(crs, str(origin), warnings) is None:  # heights that no such plane can have
+    crs, origin = plane.crs, plane.origin
+    if heights:
+        crs, origin = _with_heights(plane, heights[0])
+    if _if_known(crs, origin, warnings) is None:  # heights that no such plane can have
         crs, origin, heights = plane.crs, plane.origin, []
-    believed = _believed(heights, warnings)
+    believed = _believed(heights, warnings) if heights else None
     return Stated(crs, origin, tuple(warnings), _parts(plane, believed, contrary))
 
 
@@ -145,36 +143,49 @@ def stated_by(info: CloudInfo) -> Optional[Statement]:
     )
 
 
-def _heights_alone(heights: Sequence[_Heights]) -> List[str]:
-    """Return a warning where the unit of z is known, and that of x and y is not."""
-    return [
+def _heights_alone(known: _Heights) -> Notice:
+    """Return the warning where the unit of z is known, and that of x and y is not."""
+    text = (
         f"{known.origin}: heights are in {known.unit[0]}, and nothing says the unit of x and y: z "
         "is taken to be in the same (give --crs, or --source-unit and --vertical-unit)"
-        for known in heights[:1]
-    ]
+    )
+    return Notice("only-height-unit-known", text, origin=known.origin, unit=known.unit[0])
 
 
-def _checked(statement: Statement, warnings: List[str], *, first: bool) -> Statement:
+def _checked(statement: Statement, warnings: List[Notice], *, first: bool) -> Statement:
     """Return a statement without what PROJ does not know, its plane in the unit beside it.
 
     What a plane and its unit contradict each other in is told of the first, which is believed.
     """
     crs = _if_known(statement.crs, statement.origin, warnings)
     vertical = _if_known(statement.vertical, statement.origin, warnings)
-    known = replace(statement, crs=crs, vertical=vertical)
-    if crs is None or known.unit is None:
+    known, unit = replace(statement, crs=crs, vertical=vertical), statement.unit
+    if crs is None or unit is None:
         return known
-    return _with_unit(known, known.unit, warnings if first else [])
+    plane = _plane(crs)
+    own = unit_of(plane)
+    if not plane.is_projected or _same_unit(own, unit):
+        return known
+    if first:
+        text = (
+            f"{known.origin}: x and y are those of {short(plane.name)} in {own[0]}, and "
+            f"their unit is given as {unit[0]}: the unit is believed (--crs sets another)"
+        )
+        warnings.append(_contradiction("unit", text, known.origin, known.origin))
+    beside = {"horizontal unit": ((own[0], known.place("CRS")),)}
+    return replace(known, crs=in_unit(plane, unit), contradicted_by=beside)
 
 
-def _if_known(text: Optional[str], origin: str, warnings: List[str]) -> Optional[str]:
-    try:
-        if text is not None:
-            parse(text)
+def _contradiction(about: str, text: str, believed: str, other: str) -> Notice:
+    return Notice(f"crs-{about}-contradicted", text, believed=believed, other=other)
+
+
+def _if_known(text: Optional[str], origin: str, warnings: List[Notice]) -> Optional[str]:
+    if text is None or known_crs(text) is not None:
         return text
-    except CrsError:
-        warnings.append(f"{origin}: {short(text)!r} is not known here and not used")
-        return None
+    said = f"{origin}: {short(text)!r} is not known here and not used"
+    warnings.append(Notice("crs-unknown", said, origin=origin, crs=text))
+    return None
 
 
 def _bare(statements: Sequence[Statement]) -> Optional[Statement]:
@@ -190,27 +201,8 @@ def _bare(statements: Sequence[Statement]) -> Optional[Statement]:
     return None
 
 
-def _with_unit(statement: Statement, unit: Unit, warnings: List[str]) -> Statement:
-    """Return the plane in the unit that its own record gives apart from it."""
-    plane = _plane(str(statement.crs))
-    axis = plane.axis_info[0]
-    if not plane.is_projected or _same_unit(_unit_of(plane), unit):
-        return statement
-    warnings.append(
-        f"{statement.origin}: x and y are those of {short(plane.name)} in {axis.unit_name}, and "
-        f"their unit is given as {unit[0]}: the unit is believed (--crs sets another)"
-    )
-    beside = {"horizontal unit": ((axis.unit_name, statement.place("CRS")),)}
-    return replace(statement, crs=in_unit(plane, unit), contradicted_by=beside)
-
-
 def _plane(text: str) -> CRS:
     return unbound(split(parse(text))[0])
-
-
-def _unit_of(plane: CRS) -> Unit:
-    axis = plane.axis_info[0]
-    return axis.unit_name, float(axis.unit_conversion_factor)
 
 
 def _same_unit(one: Unit, other: Unit) -> bool:
@@ -218,12 +210,12 @@ def _same_unit(one: Unit, other: Unit) -> bool:
 
 
 def _contradictions(
-    believed: Statement, others: Sequence[Statement], warnings: List[str]
+    believed: Statement, others: Sequence[Statement], warnings: List[Notice]
 ) -> Dict[str, Tuple[Contrary, ...]]:
     """Return by part what other statements say, where it is not what is believed; warn of it."""
     found = dict(believed.contradicted_by)
     plane = _plane(str(believed.crs))
-    unit = _unit_of(plane)
+    unit = unit_of(plane)
     for other in others:
         if other.crs is not None:
             against = _plane(other.crs)
@@ -233,21 +225,19 @@ def _contradictions(
                 parts.remove("datum")  # one of them says nothing of it
             says = {**_values(against), "projection": short(against.name)}
         elif other.unit is not None and plane.is_projected and not _same_unit(unit, other.unit):
-            what, parts, says = (
-                f"{unit[0]} and",
-                ["horizontal unit"],
-                {"horizontal unit": other.unit[0]},
-            )
+            what, parts = f"{unit[0]} and", ["horizontal unit"]
+            says = {"horizontal unit": other.unit[0]}
         else:
             continue
         for part in parts:
             found[part] = (*found.get(part, ()), (says.get(part, "none"), other.place(part)))
         if parts:
-            warnings.append(
+            text = (
                 f"{believed.origin} and {other.origin} contradict each other: {what} "
                 f"{says['horizontal unit']}; the first is believed"
                 f"{_another(believed.origin, '--crs')}"
             )
+            warnings.append(_contradiction("plane", text, believed.origin, other.origin))
     return found
 
 
@@ -256,71 +246,58 @@ def _another(origin: str, option: str) -> str:
     return "" if origin.startswith("--") else f" ({option} sets another)"
 
 
-def _heights_of(statement: Statement, warnings: List[str]) -> Optional[_Heights]:
-    found = None
-    if statement.vertical is not None:
-        crs = parse(statement.vertical)
-        found = _of_axis(statement, crs.name, crs.axis_info[-1], statement.vertical)
-    elif statement.crs is not None:
-        whole = parse(statement.crs)
-        vertical = split(whole)[1]
-        if vertical is not None:
-            parts = unbound(whole).sub_crs_list
-            definition = parts[1].to_wkt() if len(parts) > 1 else None
-            name = parts[1].name if len(parts) > 1 else whole.name
-            found = _of_axis(statement, name, vertical, definition)
-    unit, place = statement.height_unit, statement.place("vertical unit")
+def _heights_of(statement: Statement, warnings: List[Notice]) -> Optional[_Heights]:
+    """Return what a statement says of z; None where it says not even its unit."""
+    name, axis, definition = _vertical_axis(statement)
+    own = None if axis is None else (str(axis.unit_name), float(axis.unit_conversion_factor))
+    if own is not None and not (math.isfinite(own[1]) and own[1] > 0):
+        own = None
+    unit = statement.height_unit or own
     if unit is None:
+        return None
+    contrary = statement.contradicted_by.get("vertical unit", ())
+    found = _Heights(statement.origin, statement.place("vertical unit"), unit, contrary=contrary)
+    if own is None:
         return found
-    if found is None:
-        return _Heights(
-            statement.origin,
-            place,
-            unit,
-            contrary=statement.contradicted_by.get("vertical unit", ()),
-        )
-    if _same_unit(found.unit, unit):
-        return found
-    warnings.append(
-        f"{statement.origin}: heights are those of {short(found.name)} in {found.unit[0]}, and "
+    found, place = replace(found, down=axis.direction == "down"), statement.place("heights")
+    if _same_unit(own, unit):
+        return replace(found, unit=own, name=name, name_place=place, definition=definition)
+    text = (
+        f"{statement.origin}: heights are those of {short(name)} in {own[0]}, and "
         f"their unit is given as {unit[0]}: the unit is believed (--vertical-unit sets another)"
     )
-    contrary = (*found.contrary, (found.unit[0], found.name_place))
-    return _Heights(statement.origin, place, unit, down=found.down, contrary=contrary)
+    warnings.append(_contradiction("height-unit", text, statement.origin, statement.origin))
+    return replace(found, contrary=(*contrary, (own[0], place)))
 
 
-def _of_axis(
-    statement: Statement, name: str, axis: Any, definition: Optional[str]
-) -> Optional[_Heights]:
-    metres = float(axis.unit_conversion_factor)
-    if not (math.isfinite(metres) and metres > 0):
-        return None
-    return _Heights(
-        statement.origin,
-        statement.place("vertical unit"),
-        (str(axis.unit_name), metres),
-        name,
-        statement.place("heights"),
-        axis.direction == "down",
-        definition,
-        statement.contradicted_by.get("vertical unit", ()),
-    )
+def _vertical_axis(statement: Statement) -> Tuple[str, Any, Optional[str]]:
+    """Return the name, the axis and the definition of its heights, as far as there are any."""
+    if statement.vertical is not None:
+        crs = parse(statement.vertical)
+        return crs.name, crs.axis_info[-1], statement.vertical
+    if statement.crs is None:
+        return "", None, None
+    whole = parse(statement.crs)
+    parts = unbound(whole).sub_crs_list
+    if len(parts) > 1:
+        return parts[1].name, split(whole)[1], parts[1].to_wkt()
+    return whole.name, split(whole)[1], None
 
 
-def _believed(heights: Sequence[_Heights], warnings: List[str]) -> Optional[_Heights]:
+def _believed(heights: Sequence[_Heights], warnings: List[Notice]) -> _Heights:
     """Return the first with what the others say instead; warn where they do."""
-    if not heights:
-        return None
-    first, *others = heights
-    others = [other for other in others if not _same_unit(first.unit, other.unit)]
-    warnings += [
-        f"{first.origin} and {other.origin} contradict each other on heights: "
-        f"{first.unit[0]} and {other.unit[0]}; the first is believed"
-        f"{_another(first.origin, '--vertical-unit')}"
-        for other in others
-    ]
-    contrary = tuple((other.unit[0], other.place) for other in others)
-    return replace(first, contrary=(*first.contrary, *contrary))
+    first, contrary = heights[0], list(heights[0].contrary)
+    for other in heights[1:]:
+        if _same_unit(first.unit, other.unit):
+            continue
+        text = (
+            f"{first.origin} and {other.origin} contradict each other on heights: "
+            f"{first.unit[0]} and {other.unit[0]}; the first is believed"
+            f"{_another(first.origin, '--vertical-unit')}"
+        )
+        warnings.append(_contradiction("height-unit", text, first.origin, other.origin))
+        contrary.append((other.unit[0], other.place))
+    return replace(first, contrary=tuple(contrary))
 
 
 def _parts(
@@ -333,7 +310,7 @@ def _parts(
         for part, value in _values(crs).items()
     ]
     if heights is None:
-        unit = "metre" if crs.is_geographic else _unit_of(crs)[0]
+        unit = "metre" if crs.is_geographic else unit_of(crs)[0]
         return (*found, CrsPart("vertical unit", unit, ASSUMED))
     if heights.name != _SOME_HEIGHT:
         found.append(CrsPart("heights", short(heights.name), heights.name_place))
@@ -342,7 +319,7 @@ def _parts(
 
 def _values(plane: CRS) -> Dict[str, str]:
     """Return the names of what makes up a plane."""
-    unit = {"horizontal unit": _unit_of(plane)[0]}
+    unit = {"horizontal unit": unit_of(plane)[0]}
     if plane.name == _BARE:
         return unit
     names = {"CRS": short(plane.name)}
@@ -364,19 +341,16 @@ def in_unit(projected: CRS, unit: Unit) -> str:
     return str(CRS.from_json_dict(made).to_wkt())
 
 
-def _with_heights(plane: Statement, heights: Sequence[_Heights]) -> Tuple[str, str]:
+def _with_heights(plane: Statement, believed: _Heights) -> Tuple[str, str]:
     """Return the CRS with the heights that are believed, and where both are from."""
     text, origin = str(plane.crs), plane.origin
-    if not heights:
-        return text, origin
-    believed = heights[0]
     if believed.origin != origin:
         origin = f"{origin.split(_HEIGHTS)[0]}{_HEIGHTS}{believed.origin}"
     own = split(parse(text))[1]
-    if own is not None and abs(float(own.unit_conversion_factor) / believed.unit[1] - 1) < _SAME:
+    if own is not None and _same_unit(("", float(own.unit_conversion_factor)), believed.unit):
         return text, origin
     plain = believed.unit[1] == 1.0 and not believed.down and believed.definition is None
-    if plain and _unit_of(_plane(text))[0] == "metre":
+    if plain and unit_of(_plane(text))[0] == "metre":
         return text, origin  # z is taken so anyway
     return compound(text, believed.unit, believed.definition), origin
 

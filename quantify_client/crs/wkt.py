@@ -10,8 +10,9 @@ from pyproj.exceptions import ProjError
 
 from ..errors import CrsError
 from ..files.reading import read_small
-from .projection import CRS, parse, short
-from .statements import Statement, Unit
+from ..types import Notice
+from .projection import Unit, known_crs, parse, short
+from .statements import Statement
 
 __all__ = ["as_wkt", "given_crs", "require_crs", "statement_of_wkt"]
 
@@ -43,16 +44,23 @@ def given_crs(given: str) -> str:
     CrsError
         It is none of these.
     """
-    if _known(given) is not None:
+    if known_crs(given) is not None:
         return given
     expected = f"{_EXPECTED}, or a file (.prj, .wkt) with one of these"
-    if not _is_file(given):
+    if not _exists(given):
         raise CrsError(f"--crs {short(given)!r} is neither a known CRS nor a file: give {expected}")
     data = read_small(Path(given), most=_MOST, what=expected, error=CrsError)
     text = data.decode("utf-8-sig", "replace").strip()
-    if _known(text) is None:
+    if known_crs(text) is None:
         raise CrsError(f"{given[:200]} holds no CRS that is known here; expected {expected}")
     return text
+
+
+def _exists(given: str) -> bool:
+    try:
+        return Path(given).exists()
+    except (OSError, ValueError):  # too long, or with a null byte
+        return False
 
 
 def require_crs(text: str) -> None:
@@ -60,15 +68,8 @@ def require_crs(text: str) -> None:
 
     >>> require_crs("EPSG:32615")
     """
-    if _known(text) is None:
+    if known_crs(text) is None:
         raise CrsError(f"--crs {short(text)!r} is no CRS that is known here: give {_EXPECTED}")
-
-
-def _is_file(given: str) -> bool:
-    try:
-        return Path(given).exists()
-    except (OSError, ValueError):  # too long, or with a null byte
-        return False
 
 
 def statement_of_wkt(text: str, origin: str) -> Statement:
@@ -78,32 +79,30 @@ def statement_of_wkt(text: str, origin: str) -> Statement:
     used, and of the heights the unit.
     """
     text, notes = _in_degrees(text, origin)
-    whole = _known(text)
+    whole = known_crs(text)
     if whole is not None and whole.is_vertical and not whole.is_compound:
         return Statement(origin, vertical=text)
     if whole is not None:
         return Statement(origin, text, warnings=notes)
-    plane = next((part for part in _parts(text, _PLANES) if _known(part) is not None), None)
-    vertical, unit = None, None
+    plane = next((part for part in _parts(text, _PLANES) if known_crs(part) is not None), None)
+    vertical, unit, used = None, None, []
+    if plane is not None:
+        used.append(f"{short(parse(plane).name)} for x and y")
     for part in _parts(text, _HEIGHTS):
-        known = _known(part)
+        known = known_crs(part)
         if known is not None and known.is_vertical:
             vertical = part
         else:
             unit = _unit(part)
-    used = []
-    if plane is not None:
-        used.append(f"{short(parse(plane).name)} for x and y")
     if vertical is not None or unit is not None:
         used.append(f"{unit[0] if unit else short(parse(str(vertical)).name)} for heights")
     said = f"only {' and '.join(used)} is used" if used else "it is not used"
-    warning = f"{origin}: cannot be understood whole ({text[:60]!r}): {said}"
-    return Statement(
-        origin, plane, None, vertical, unit, (*notes, f"{warning} (--crs sets another)")
-    )
+    warning = f"{origin}: cannot be understood whole ({text[:60]!r}): {said} (--crs sets another)"
+    notes = (*notes, Notice("crs-partly-unknown", warning, origin=origin))
+    return Statement(origin, plane, vertical=vertical, height_unit=unit, warnings=notes)
 
 
-def _in_degrees(text: str, origin: str) -> Tuple[str, Tuple[str, ...]]:
+def _in_degrees(text: str, origin: str) -> Tuple[str, Tuple[Notice, ...]]:
     """Return WKT 1 with degrees where it gives angles in a unit of length, and what to say of it.
 
     -123 "metres" of longitude would be radians, and a grid half round the Earth from its site.
@@ -112,16 +111,12 @@ def _in_degrees(text: str, origin: str) -> Tuple[str, Tuple[str, ...]]:
         found, unit = _UNIT.search(part), _unit(part)
         if found and unit and unit[1] > _LARGE_ANGLE and not unit[0].lower().startswith("rad"):
             degrees = part[: found.start()] + _DEGREE + part[found.end() :]
-            note = f"{origin}: its angles are in {unit[0]!r}, which is no angle: read as degrees"
-            return text.replace(part, degrees), (f"{note} (--crs sets another)",)
+            note = (
+                f"{origin}: its angles are in {unit[0]!r}, which is no angle: read as degrees "
+                "(--crs sets another)"
+            )
+            return text.replace(part, degrees), (Notice("angle-unit-wrong", note, unit=unit[0]),)
     return text, ()
-
-
-def _known(text: str) -> Optional[CRS]:
-    try:
-        return parse(text)
-    except CrsError:
-        return None
 
 
 def _parts(text: str, names: Tuple[str, ...]) -> Iterator[str]:

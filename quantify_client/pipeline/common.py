@@ -8,7 +8,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, TypeVar, Union
 
-from ..crs import Frame, PlacedFrame, doubts, grid_scale_factor
+from ..crs import Frame, grid_scale_factor, location_warnings
 from ..errors import CloudError
 from ..options import OPTIONS, Options
 from ..source import Source
@@ -64,8 +64,8 @@ def ground_factor(
 
     A cloud that control has placed is in ground lengths times the one factor it was placed with.
     """
-    if isinstance(frame, PlacedFrame):
-        return frame.ground_factor
+    if frame.placement is not None:
+        return frame.placement.ground_factor
     if options.grid:
         return None
     return grid_scale_factor(
@@ -85,13 +85,9 @@ def placed_level(frame: Frame, options: Options, level: Level, at: Window) -> Un
     level : an elevation, metres; anything else is returned as it is.
     at : about where it counts, in the cloud's own frame: a level of a tilted cloud is tilted.
     """
-    if not isinstance(frame, PlacedFrame) or not isinstance(level, (int, float)):
+    if options.area_frame != "cloud" or not isinstance(level, (int, float)):
         return level
-    if options.area_frame == "control":
-        return level
-    row = frame.matrix[2]
-    x, y = (at.min_x + at.max_x) / 2, (at.min_y + at.max_y) / 2
-    return float(row[0] * x + row[1] * y + row[2] * level + row[3])
+    return frame.elevation(level, (at.min_x + at.max_x) / 2, (at.min_y + at.max_y) / 2)
 
 
 def finish(result: AreaResult, left_out: Mapping[str, int], options: Options) -> AreaResult:
@@ -111,7 +107,7 @@ def finish(result: AreaResult, left_out: Mapping[str, int], options: Options) ->
 def cloud_warnings(source: Source, frame: Frame) -> Sequence[str]:
     """Return what there is to say of the whole cloud, its CRS above all."""
     info = source.cloud.info
-    return (*info.warnings, *frame.warnings, *doubts(frame, info.bounds))
+    return (*info.warnings, *frame.warnings, *location_warnings(frame, info.bounds))
 
 
 def only_vertices(source: Source, reason: str) -> Tuple[str, ...]:

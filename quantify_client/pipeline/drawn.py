@@ -10,7 +10,7 @@ import shapely
 from scipy.spatial import KDTree
 
 from ..areas.read import Area, AreaSet, read_areas
-from ..crs import Frame, PlacedFrame
+from ..crs import Frame
 from ..source import Source
 from ..types import FloatArray, IntArray, Options, Window
 from .common import bounds_in_frame, window_of
@@ -30,8 +30,7 @@ _STEP_M = 1e-4
 
 def cloud_window(source: Source, frame: Frame) -> Window:
     """Return the cloud's box in its own frame, before it was moved."""
-    own = frame.base if isinstance(frame, PlacedFrame) else frame
-    return window_of(bounds_in_frame(source, own))
+    return window_of(bounds_in_frame(source, frame.delivered))
 
 
 def drawn_areas(source: Source, frame: Frame, options: Options, report: Progress) -> AreaSet:
@@ -41,14 +40,14 @@ def drawn_areas(source: Source, frame: Frame, options: Options, report: Progress
     control``) they were surveyed and stay where they are.
     """
     bounds = source.cloud.info.bounds
-    if not isinstance(frame, PlacedFrame) or options.area_frame == "control":
+    if frame.placement is None or options.area_frame == "control":
         return read_areas(options.area, frame, bounds)
-    drawn = read_areas(options.area, frame.base, bounds)
+    drawn = read_areas(options.area, frame.delivered, bounds)
     polygons = [area.polygon for area in drawn.areas if isinstance(area, Area)]
     if frame.is_upright:
         polygons = [shapely.force_3d(polygon, 0.0) for polygon in polygons]
     elif polygons:
-        polygons = _lifted(polygons, source, frame.base, options, report)
+        polygons = _lifted(polygons, source, frame.delivered, options, report)
     moved = iter([_moved(polygon, frame) for polygon in polygons])
     areas = [
         replace(area, polygon=next(moved)) if isinstance(area, Area) else area
@@ -57,8 +56,8 @@ def drawn_areas(source: Source, frame: Frame, options: Options, report: Progress
     return AreaSet(tuple(areas), drawn.warnings)
 
 
-def _moved(polygon: Any, frame: PlacedFrame) -> Any:
-    matrix = np.array(frame.matrix)
+def _moved(polygon: Any, frame: Frame) -> Any:
+    matrix = frame.matrix
 
     def move(xyz: FloatArray) -> FloatArray:
         return np.asarray(xyz @ matrix[:3, :3].T + matrix[:3, 3])

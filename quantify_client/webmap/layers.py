@@ -6,19 +6,21 @@ import base64
 import math
 import struct
 import zlib
+from dataclasses import dataclass
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 import numpy.typing as npt
 import shapely
 
-from ..crs import Frame, OnMap, on_map
+from ..crs import Frame, apply_matrix
+from ..crs.projection import WGS84, transform
 from ..errors import CrsError
 from ..report.figures import DIVERGING
 from ..types import AreaFailure, AreaResult, FloatArray, Measurement, Relief, Slice, Solid
 from .contours import contour
 
-__all__ = ["indexed_png", "map_layers"]
+__all__ = ["OnMap", "indexed_png", "map_layers", "on_map"]
 
 Colour = Tuple[int, int, int, int]
 
@@ -32,6 +34,46 @@ MOST_VERTICES = 20_000
 MOST_LINES = MOST_VERTICES // 4
 DECIMALS = 8  # of degrees: a millimetre
 NO_HEIGHT, LEVEL = 0, 128  # indices of the palette: nothing there, and the base itself
+
+
+@dataclass(frozen=True)
+class OnMap:
+    """The way between a frame and longitude and latitude (WGS84, degrees).
+
+    A cloud that control has moved is still shown where it was delivered, and so is all that is
+    drawn on it: `back` and `there` are the (4, 4) matrices to the delivered cloud and from it.
+    """
+
+    frame: Frame
+    back: FloatArray
+    there: FloatArray
+    height: float
+    base_height: float
+
+    def lon_lat(self, x: FloatArray, y: FloatArray) -> Tuple[FloatArray, FloatArray]:
+        """Return longitudes and latitudes of (N,) places in the measuring frame, metres."""
+        x, y, _ = apply_matrix(self.back, x, y, np.full(len(x), self.height))
+        unit = self.frame.unit_m
+        return transform(self.frame.grid or "", WGS84, x / unit, y / unit)
+
+    def places(self, lon: FloatArray, lat: FloatArray) -> Tuple[FloatArray, FloatArray]:
+        """Return the places in the measuring frame, metres, of (N,) longitudes and latitudes."""
+        unit = self.frame.unit_m
+        x, y = transform(WGS84, self.frame.grid or "", lon, lat)
+        x, y, _ = apply_matrix(self.there, x * unit, y * unit, np.full(len(x), self.base_height))
+        return x, y
+
+
+def on_map(frame: Frame, x: float, y: float, height: float) -> Optional[OnMap]:
+    """Return the way for places about (x, y, height) of the frame; None where it has no CRS."""
+    own, there = frame.delivered, frame.matrix
+    if own.grid is None:  # it has no place on a map but the one that control gave it
+        own, there = frame, np.eye(4)
+    if own.grid is None:
+        return None
+    back = np.asarray(np.linalg.inv(there), dtype=np.float64)
+    base_height = float(back[2] @ [x, y, height, 1.0])
+    return OnMap(own, back, there, height, base_height)
 
 
 def map_layers(measurement: Measurement) -> List[Dict[str, Any]]:

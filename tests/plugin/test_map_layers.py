@@ -11,11 +11,10 @@ import shapely
 from beach import frame_of
 
 from quantify_client import measure
-from quantify_client.crs import on_map
 from quantify_client.types import AreaFailure, Slice
 from quantify_client.webmap import layers
 from quantify_client.webmap.contours import contour
-from quantify_client.webmap.layers import indexed_png, map_layers
+from quantify_client.webmap.layers import indexed_png, map_layers, on_map
 
 
 def pixels(png):

@@ -11,7 +11,7 @@ import shapely
 from visitors import API, PLACE, ROUND, lon_lat
 
 from quantify_client import measure
-from quantify_client.areas.geojson import geojson_outlines
+from quantify_client.areas.geojson import geojson_polygons
 
 
 @pytest.fixture(scope="module")
@@ -170,8 +170,8 @@ def test_exports_are_attachments_that_no_browser_runs(host, beach_task, kept):
     rows = list(csv.DictReader(io.StringIO(host.viewer.get(one + "csv").body.decode())))
     assert len(rows) == len(kept["measurement"]["results"][0]["slices"])
     geojson = host.viewer.get(one + "geojson").json
-    assert geojson_outlines(geojson)[0].polygon.equals_exact(
-        geojson_outlines(ROUND)[0].polygon, 1e-12
+    assert geojson_polygons(geojson)[0].polygon.equals_exact(
+        geojson_polygons(ROUND)[0].polygon, 1e-12
     )
     assert "yd³" in host.viewer.get(one + "html&units=us").body.decode()
     assert host.viewer.get(one + "pdf").status == 400

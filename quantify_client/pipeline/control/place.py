@@ -7,7 +7,7 @@ from typing import List, Sequence, Tuple
 
 import numpy as np
 
-from ...crs import Frame, PlacedFrame, placed_frame
+from ...crs import Frame, placed_frame
 from ...errors import ControlError
 from ...scaler.adjustment.build import build_network
 from ...scaler.adjustment.direct import direct_heights
@@ -48,7 +48,7 @@ class Placement:
     """
 
     scaling: Scaling
-    frame: PlacedFrame
+    frame: Frame
     fit: ScaleFit
     site: ControlSite
     target: Target
@@ -59,18 +59,18 @@ class Placement:
         """Standard deviation of the scale / the scale."""
         return self.fit.std / self.fit.factor
 
-    def resized(self, share: float) -> PlacedFrame:
+    def resized(self, share: float) -> Frame:
         """Return the frame with a scale larger by a share of itself, about the control's middle."""
         similarity = self.fit.similarity
         return self._with(replace(similarity, scale=similarity.scale * (1.0 + share)))
 
-    def shifted(self, by: FloatArray) -> PlacedFrame:
+    def shifted(self, by: FloatArray) -> Frame:
         """Return the frame with the cloud lying further east, north and up, metres."""
         similarity = self.fit.similarity
         return self._with(replace(similarity, shift=similarity.shift + by))
 
-    def _with(self, similarity: Similarity) -> PlacedFrame:
-        return _frame(self.frame.base, self.site, self.target, similarity, self.bounds)
+    def _with(self, similarity: Similarity) -> Frame:
+        return _frame(self.frame.delivered, self.site, self.target, similarity, self.bounds)
 
 
 def place_cloud(source: Source, frame: Frame, options: Options) -> Placement:
@@ -118,7 +118,7 @@ def place_cloud(source: Source, frame: Frame, options: Options) -> Placement:
 
 def _frame(
     base: Frame, site: ControlSite, target: Target, similarity: Similarity, bounds: Bounds
-) -> PlacedFrame:
+) -> Frame:
     matrix = target.from_local @ similarity.matrix() @ site.to_local
     return placed_frame(base, matrix, target.crs, target.ground_factor, bounds)
 
@@ -173,14 +173,14 @@ def _elevation_notes(
 def _scaling(
     found: ScaleFit,
     site: ControlSite,
-    frame: PlacedFrame,
+    frame: Frame,
     points: Sequence[ControlledPoint],
     warnings: Sequence[str],
 ) -> Scaling:
     adjustment = found.adjustment
     network = adjustment.model.network
     records = observations(adjustment, site.level)
-    upright = site.local is not None and (frame.base.grid is not None or found.mode != "scale")
+    upright = site.local is not None and (frame.delivered.grid is not None or found.mode != "scale")
     up = np.where(network.in_cloud, adjustment.state.points[:, 2], np.nan) if upright else None
     return Scaling(
         factor=found.factor,
@@ -200,12 +200,12 @@ def _scaling(
     )
 
 
-def _in_own_units(frame: PlacedFrame) -> Matrix4:
+def _in_own_units(frame: Frame) -> Matrix4:
     """Return the transform between coordinates as files have them; the frame's is in metres.
 
     A cloud in degrees goes to its UTM zone first: for it this is the transform from there.
     """
-    base, matrix = frame.base, np.array(frame.matrix)
+    base, matrix = frame.delivered, frame.matrix
     if base.geographic_crs is None:
         matrix = matrix @ np.diag([base.unit_m, base.unit_m, base.z_unit_m, 1.0])
     unit = frame.unit_m
@@ -214,7 +214,7 @@ def _in_own_units(frame: PlacedFrame) -> Matrix4:
 
 
 def _points(
-    found: ScaleFit, site: ControlSite, frame: PlacedFrame
+    found: ScaleFit, site: ControlSite, frame: Frame
 ) -> Tuple[List[ControlledPoint], List[Notice]]:
     """Return the adjusted points, and a warning of those that nothing ties to the others."""
     adjustment = found.adjustment
@@ -224,7 +224,7 @@ def _points(
     lonlat = np.full((len(network.names), 2), np.nan)
     if site.local is not None and network.placed.any():
         lonlat = np.column_stack(site.local.to_wgs84(state.points))
-    levelled = network.levelled.any() or frame.base.grid is not None
+    levelled = network.levelled.any() or frame.delivered.grid is not None
     loose = (std.max(axis=1) > _UNDETERMINED_M) & ~network.in_cloud
     points = []
     for i in np.flatnonzero(~loose).tolist():

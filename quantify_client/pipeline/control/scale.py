@@ -15,7 +15,7 @@ import shapely
 
 from ...areas.read import Area
 from ...cloud.writing import RewriteReport, require_rewritable, rewrite_cloud
-from ...crs import PlacedFrame, measuring_frame
+from ...crs import Frame, measuring_frame
 from ...errors import AreaError, UsageError
 from ...files.reading import real_path
 from ...files.writing import require_replaceable
@@ -150,7 +150,7 @@ def _write(
         *(box.max_x / unit, box.max_y / unit, high_z),
     )
     # A cloud that keeps its CRS keeps it whole, heights included.
-    keeps = frame.crs == frame.base.crs and frame.base.geographic_crs is None
+    keeps = frame.crs == frame.delivered.crs and frame.delivered.geographic_crs is None
     crs = None if frame.crs is None else own if keeps else frame.grid
     return rewrite_cloud(source.files, out, move, bounds, crs, report, companions).warnings
 
@@ -171,7 +171,7 @@ class _Moving:
     failures: Tuple[AreaFailure, ...] = ()
     notes: Sequence[str] = ()
 
-    def write(self, frame: PlacedFrame, folder: Path) -> Sequence[str]:
+    def write(self, frame: Frame, folder: Path) -> Sequence[str]:
         """Write them in the coordinates of the scaled cloud; return the names of the files."""
         if self.path is None:
             return []
@@ -218,12 +218,12 @@ def _no_longer_fits(placement: Placement) -> Notice:
     """Return what a scaled cloud no longer goes with, and by how much."""
     frame, values = placement.frame, {}
     where = "lies in a CRS of its own now" if frame.crs is not None else "has another frame now"
-    if frame.crs == frame.base.crs and frame.base.geographic_crs is None:
-        box = frame.base.bounds_to_frame(placement.bounds)
+    if frame.crs == frame.delivered.crs and frame.delivered.geographic_crs is None:
+        box = frame.delivered.bounds_to_frame(placement.bounds)
         corners = np.array(
             list(product((box.min_x, box.max_x), (box.min_y, box.max_y), (box.min_z, box.max_z)))
         )
-        there = np.array(frame.matrix)
+        there = frame.matrix
         apart = corners @ there[:3, :3].T + there[:3, 3] - corners
         values["moved_m"] = float(np.linalg.norm(apart, axis=1).max())
         where = f"has points up to {values['moved_m']:.3g} m from where they were"
