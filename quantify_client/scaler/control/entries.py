@@ -12,17 +12,11 @@ from typing import Mapping, Optional, Sequence, Tuple, Union
 from ...crs import PlaneCoordinates
 from ...errors import ControlError
 from ...types import MAX_COORDINATE
+from .keys import MAX_ELEVATION_M, MAX_LENGTH_M, MAX_NAME, MIN_ACCURACY, MIN_LENGTH_M, Keys
 from .syntax import SyntaxNode, quoted
 
-__all__ = ["Entry", "Keys", "clean_name", "near_miss", "position_problem", "strict_number"]
+__all__ = ["Entry", "clean_name", "near_miss", "position_problem", "strict_number"]
 
-Keys = Mapping[str, Tuple[str, ...]]
-"""Keys of an entry, and the headings that tables have for each, in lower case, the best first."""
-
-MAX_NAME = 100  # characters
-MIN_LENGTH_M, MAX_LENGTH_M = 1e-6, 100_000.0
-MIN_ACCURACY = 1e-9  # its square still counts as a weight beside all others
-MAX_ELEVATION_M = 20_000.0
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+", re.ASCII)

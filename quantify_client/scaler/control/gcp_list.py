@@ -19,9 +19,9 @@ from ...crs import PlaneCoordinates, plane_of, positions_to
 from ...errors import ControlError, CrsError
 from ...types import MAX_COORDINATE, FloatArray
 from ...types.notice import Notice
-from .entries import MAX_ELEVATION_M, clean_name, position_problem, strict_number
+from .entries import clean_name, position_problem, strict_number
+from .keys import MAX_ELEVATION_M, MAX_POINTS
 from .model import ControlPoint, Pick
-from .parts import MAX_POINTS
 from .syntax import SyntaxNode, printable, quoted, read_text
 
 __all__ = ["GcpList", "GcpRow", "parse_gcp_list", "points_and_picks", "read_gcp_list", "to_crs"]

@@ -9,22 +9,24 @@ from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple, Typ
 from ...crs import PlaneCoordinates
 from ...errors import ControlError
 from ...types.notice import Notice
-from .entries import Entry, Keys, clean_name, near_miss, position_problem
+from .entries import Entry, clean_name, near_miss, position_problem
+from .keys import (
+    CLOUD_KEYS,
+    LENGTH_KEYS,
+    MAX_LENGTHS,
+    MAX_PATH,
+    MAX_POINTS,
+    PLACE_KEYS,
+    POINT_KEYS,
+    Keys,
+)
 from .model import CloudPosition, ControlPoint, Length
 from .syntax import SyntaxNode, printable, quoted
-from .tables import CLOUD_KEYS, DISTANCE_KEYS, POINT_KEYS, read_table
+from .tables import read_table
 
 __all__ = ["MAX_POINTS", "ControlFile", "read_cloud", "read_lengths", "read_points"]
 
-MAX_POINTS = 2_000
-_MAX_LENGTHS = 20_000
-_MAX_PATH = 1_000
 
-_LENGTH_KEYS: Mapping[str, Keys] = {
-    "distances": DISTANCE_KEYS,
-    "scale_bars": {key: DISTANCE_KEYS[key] for key in ("from", "to", "length", "accuracy")},
-}
-_PLACE_KEYS: Keys = {"xyz": ("x", "y", "z"), "accuracy": ()}
 _Named = TypeVar("_Named", ControlPoint, CloudPosition)
 
 
@@ -70,7 +72,7 @@ class ControlFile:
                 "holds into this one"
                 + ("; picks in photographs go as a gcp_list.txt" if key == "images" else "")
             )
-        if not text.strip() or not text.isprintable() or len(text) > _MAX_PATH:
+        if not text.strip() or not text.isprintable() or len(text) > MAX_PATH:
             raise ControlError(
                 f"{self.name}: {key} is {quoted(text)}: expected its entries, or the path of a file"
             )
@@ -121,7 +123,7 @@ def read_cloud(node: SyntaxNode, file: ControlFile) -> Mapping[str, CloudPositio
     def place(name: str, entry: Entry) -> CloudPosition:
         if entry.fields.keys() & {"x", "y", "z"}:
             entry = _joined(entry)
-        entry.only(_PLACE_KEYS)
+        entry.only(PLACE_KEYS)
         return CloudPosition(name, entry.triple("xyz"), entry.accuracy("accuracy"))
 
     return _named(node, "cloud", file, CLOUD_KEYS, place)
@@ -221,7 +223,7 @@ def read_lengths(node: SyntaxNode, part: str, file: ControlFile, known: Keys) ->
     part : ``"distances"`` or ``"scale_bars"``.
     known : by name, the points that something else in the control file says anything of.
     """
-    keys = _LENGTH_KEYS[part]
+    keys = LENGTH_KEYS[part]
     if node.text is not None:
         entries = file.rows(node, part, keys)
     elif node.items is not None or node.empty:
@@ -232,9 +234,9 @@ def read_lengths(node: SyntaxNode, part: str, file: ControlFile, known: Keys) ->
             f"{file.name}: {part} is {node.described}: expected a list, such as "
             "'- {from: A, to: B, length: 5.879}', or the path of a CSV file"
         )
-    if len(entries) > _MAX_LENGTHS:
+    if len(entries) > MAX_LENGTHS:
         raise ControlError(
-            f"{file.name}: {len(entries):,} {part}; at most {_MAX_LENGTHS:,} are read"
+            f"{file.name}: {len(entries):,} {part}; at most {MAX_LENGTHS:,} are read"
         )
     return [_length(entry, keys, part == "scale_bars", known) for entry in entries]
 

@@ -13,34 +13,19 @@ from ...crs import PlaneCoordinates, plane_of
 from ...crs.frame import UNITS_M
 from ...errors import ControlError, CrsError
 from ...types.notice import Notice
-from .entries import Entry, Keys, near_miss
+from .entries import Entry, near_miss
 from .gcp_list import parse_gcp_list, points_and_picks, read_gcp_list, to_crs
+from .keys import CONTROL_KEYS, MAX_POINTS, UNIT_WORDS, UNITS, Keys
 from .model import Control, ControlPoint, Length, Pick
-from .parts import MAX_POINTS, ControlFile, read_cloud, read_lengths, read_points
+from .parts import ControlFile, read_cloud, read_lengths, read_points
 from .syntax import SyntaxNode, quoted, read_json, read_text, read_yaml
 from .tables import is_point_table
 
 __all__ = ["read_control", "require_self_contained"]
 
 _WGS84 = PlaneCoordinates("EPSG:4326", None)
-_KEYS: Keys = {
-    "crs": ("srs", "epsg"),
-    "unit": ("units",),
-    "height": (),
-    "points": ("gcps",),
-    "distances": ("lengths", "tapes"),
-    "cloud": (),
-    "images": ("picks", "photographs"),
-    "scale_bars": ("bars", "scalebars"),
-}
 _ENDINGS = {".yaml": "yaml", ".yml": "yaml", ".json": "json", ".csv": "table"}
 _CRS_LINE = re.compile(r"(EPSG:\d+|WGS\s*84\s+UTM|\+proj=|\+init=)", re.IGNORECASE)
-_UNITS = ["m", "ft", "us-ft"]  # what tapes and surveys come in
-_UNIT_WORDS = {
-    **dict.fromkeys(("metre", "metres", "meter", "meters"), "m"),
-    **dict.fromkeys(("foot", "feet", "ift", "international foot"), "ft"),
-    **dict.fromkeys(("us-foot", "usft", "ftus", "us_ft", "us ft", "survey foot"), "us-ft"),
-}
 
 
 def read_control(path: Union[str, Path]) -> Control:
@@ -120,11 +105,11 @@ def _control(root: SyntaxNode, file: ControlFile) -> Control:
             "'crs: EPSG:4326'"
         )
     top = Entry(file.name, root.members, None)
-    top.only(_KEYS)
+    top.only(CONTROL_KEYS)
     unit = _unit(top)
     file = replace(file, unit=unit, unit_m=None if unit is None else UNITS_M[unit])
     top = replace(top, unit_m=file.unit_m)
-    part = {key: root.members.get(key, SyntaxNode()) for key in _KEYS}
+    part = {key: root.members.get(key, SyntaxNode()) for key in CONTROL_KEYS}
     plane = _plane(top)
     points = read_points(part["points"], file, plane)
     if plane is None and any(point.x is not None for point in points.values()):
@@ -158,10 +143,10 @@ def _unit(top: Entry) -> Optional[str]:
     if not top.has("unit"):
         return None
     node = top.fields["unit"]
-    if node.text in _UNITS:
+    if node.text in UNITS:
         return node.text
-    meant = _UNIT_WORDS.get((node.text or "").strip().lower())
-    hint = f"did you mean {quoted(meant)}?" if meant else near_miss(node.text or "", _UNITS)
+    meant = UNIT_WORDS.get((node.text or "").strip().lower())
+    hint = f"did you mean {quoted(meant)}?" if meant else near_miss(node.text or "", UNITS)
     raise top.error(f"unit is {node.described}: {hint}; it may be m, ft or us-ft")
 
 

@@ -11,34 +11,13 @@ from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 from ...crs.frame import UNITS_M
 from ...errors import ControlError
 from ...types.notice import Notice
-from .entries import Entry, Keys, near_miss
+from .entries import Entry, near_miss
+from .keys import POINT_KEYS, Keys
 from .syntax import SyntaxNode, printable, quoted, read_text
 
-__all__ = ["CLOUD_KEYS", "DISTANCE_KEYS", "POINT_KEYS", "is_point_table", "read_table"]
+__all__ = ["is_point_table", "read_table"]
 
 _NAMES = ("name", "point name", "point", "point id", "id", "label", "station", "target")
-_X = ("x", "easting", "east", "e")
-_Y = ("y", "northing", "north", "n")
-_ACCURACY = ("accuracy", "sigma", "std")
-POINT_KEYS: Keys = {
-    "lat": ("lat", "latitude"),
-    "lon": ("lon", "lng", "longitude", "long"),
-    "easting": _X,
-    "northing": _Y,
-    "accuracy": _ACCURACY,
-    "elevation": ("elevation", "elev", "z", "height", "altitude", "alt", "h"),
-    "elevation_accuracy": ("elevation accuracy", "z accuracy", "vertical accuracy"),
-}
-DISTANCE_KEYS: Keys = {
-    "from": ("from", "start"),
-    "to": ("to", "end"),
-    "length": ("length", "distance", "slope distance", "dist"),
-    "accuracy": _ACCURACY,
-    "higher": ("higher",),
-    "check": ("check",),
-}
-CLOUD_KEYS: Keys = {"x": _X, "y": _Y, "z": ("z", "elevation", "elev"), "accuracy": _ACCURACY}
-
 _IN_UNIT = ("elevation", "elevation_accuracy", "length")
 _MAX_HEADING = 100
 _DELIMITERS = ",;\t"
