@@ -11,7 +11,15 @@ from typing import Any, Callable, Iterator, List, Mapping, Optional, Sequence, T
 
 from .cloud import DEFAULT_CHUNK, Cloud, open_cloud
 from .cloud.base import CloudWrapper, naming
-from .crs import UNITS_M, Statement, given_crs, merge, same_coordinates, stated_by, statement_of_wkt
+from .crs import (
+    UNITS_M,
+    Statement,
+    given_crs,
+    merge_statements,
+    same_coordinates,
+    statement_of_cloud,
+    statement_of_wkt,
+)
 from .errors import CloudError, UsageError
 from .files.reading import real_path
 from .sfm.odm.archive import unpacked
@@ -167,7 +175,7 @@ def _info(
     warnings = [_rename(text, aliases) for text in info.warnings]
     warnings += [text for item in located for text in item.warnings]
     given = None if options is None else _given(options)
-    statements = [said for said in (given, stated_by(info)) if said is not None]
+    statements = [said for said in (given, statement_of_cloud(info)) if said is not None]
     sidecars: List[Sidecar] = []
     for sidecar in (item.sidecar for item in located if item.sidecar):
         if not any(same_coordinates(sidecar.crs, other.crs) for other in sidecars):
@@ -189,7 +197,7 @@ def _info(
             warnings.append(
                 Notice("crs-far-from-cloud", text, origin=sidecar.origin, crs=sidecar.crs)
             )
-    stated = merge(statements)
+    stated = merge_statements(statements)
     if given is not None and stated.crs is None:
         raise UsageError(
             "--vertical-unit goes with a CRS or a unit of x and y, and the cloud names neither: "

@@ -12,7 +12,7 @@ from clouds import write_ept
 from stated import IOWA, MISSISSIPPI, US_FT, circle, geokeys, las
 
 from quantify_client import describe
-from quantify_client.crs.statements import Statement, merge
+from quantify_client.crs.statements import Statement, merge_statements
 
 
 def parts(found: Mapping[str, Any]) -> Dict[str, Any]:
@@ -102,7 +102,7 @@ def test_ept_names_its_member(tmp_path: Path) -> None:
 
 
 def test_what_contradicts_a_record_stays_known() -> None:
-    stated = merge(
+    stated = merge_statements(
         [
             Statement("WKT", "EPSG:26915+5703"),
             Statement("keys", "EPSG:26995", ("US survey foot", US_FT), "EPSG:6360"),
@@ -116,9 +116,9 @@ def test_what_contradicts_a_record_stays_known() -> None:
 
 def test_a_unit_alone_beside_a_crs_is_told() -> None:
     alone = Statement("keys", None, ("foot", 0.3048))
-    stated = merge([Statement("WKT", "EPSG:26915"), alone])
+    stated = merge_statements([Statement("WKT", "EPSG:26915"), alone])
     assert stated.warnings == (
-        "WKT and keys contradict each other: metre and foot; the first is believed "
+        "WKT and keys contradict each other: metre and foot; the first is used "
         "(--crs sets another)",
     )
 

@@ -14,8 +14,8 @@ import pytest
 from stated import FT, US_FT
 
 from quantify_client.crs import measuring_frame, statement_of_wkt
-from quantify_client.crs.geokeys import statement_of
-from quantify_client.crs.statements import Stated, Statement, merge
+from quantify_client.crs.geokeys import statement_of_geokeys
+from quantify_client.crs.statements import MergedStatements, Statement, merge_statements
 from quantify_client.errors import CrsError
 from quantify_client.types import Bounds
 
@@ -47,7 +47,7 @@ def compound(crs: int, name: str, unit: str = "US survey foot", metres: float = 
 def keys(
     numbers: Mapping[int, float], texts: Optional[Mapping[int, str]] = None
 ) -> Tuple[Statement]:
-    return (statement_of({1024: 1, **numbers}, texts or {}),)
+    return (statement_of_geokeys({1024: 1, **numbers}, texts or {}),)
 
 
 def record(text: str) -> Tuple[Statement]:
@@ -135,8 +135,8 @@ SPELLINGS: Dict[str, Tuple[Sequence[Statement], Optional[str], float, float]] = 
 }
 
 
-def frame_of(statements: Sequence[Statement]) -> Tuple[Any, Stated]:
-    stated = merge(statements)
+def frame_of(statements: Sequence[Statement]) -> Tuple[Any, MergedStatements]:
+    stated = merge_statements(statements)
     return measuring_frame(stated.crs, None, IN_DEGREES), stated
 
 
@@ -163,10 +163,10 @@ def test_coordinates_from_the_middle_of_the_earth_are_refused(statements: Any) -
 
 
 def test_what_is_not_known_is_told() -> None:
-    stated = merge(keys({3072: 65000}))
+    stated = merge_statements(keys({3072: 65000}))
     assert stated.crs is None
     assert "EPSG:65000 is not known here" in stated.warnings[0]
-    stated = merge(keys({4096: 6360, 4099: 9003}))
+    stated = merge_statements(keys({4096: 6360, 4099: 9003}))
     assert stated.crs is None
     assert (
         "heights are in US survey foot, and nothing says the unit of x and y"
@@ -176,13 +176,13 @@ def test_what_is_not_known_is_told() -> None:
 
 
 def test_a_name_that_is_only_like_one_of_epsg_is_none() -> None:
-    assert merge(keys({3072: 32767}, {3073: "NAD83 / UTM zone"})).crs is None
-    assert merge(keys({3072: 32767}, {3073: "NAD83"})).crs is None
-    assert merge(keys({3072: 32767}, {3073: "EPSG:26915"})).crs is None
+    assert merge_statements(keys({3072: 32767}, {3073: "NAD83 / UTM zone"})).crs is None
+    assert merge_statements(keys({3072: 32767}, {3073: "NAD83"})).crs is None
+    assert merge_statements(keys({3072: 32767}, {3073: "EPSG:26915"})).crs is None
 
 
 def test_only_one_of_two_contradictions_is_told_where_the_other_is_not_believed() -> None:
     beside = keys({3072: 26995, 3076: 9003})
-    stated = merge([*record(wkt(26995)), *beside])
+    stated = merge_statements([*record(wkt(26995)), *beside])
     (warning,) = stated.warnings
     assert "contradict each other" in warning

@@ -156,3 +156,18 @@ def test_warnings_of_the_cloud_are_kept() -> None:
     base = measuring_frame("EPSG:2229", None, BOX)
     assert base.warnings
     assert placed_frame(base, TILTED, None, None, BOX).warnings == base.warnings
+
+
+def test_frame_without_control_is_its_own_delivered_frame() -> None:
+    frame = measuring_frame("EPSG:2229", None, BOX)
+    assert frame.delivered is frame
+    assert np.array_equal(frame.matrix, np.eye(4))
+    assert frame.is_upright
+    assert frame.elevation(12.3, 4.0, 5.0) == 12.3
+
+
+def test_elevation_of_a_tilted_cloud_is_that_of_its_place() -> None:
+    frame = made(TILTED, None, "m")
+    x, y, z = frame.to_frame(*np.array([[576_660.0], [5_188_100.0], [310.0]]))
+    assert frame.elevation(310.0, 576_660.0, 5_188_100.0) == z[0]
+    assert frame.elevation(310.0, 576_670.0, 5_188_100.0) != z[0]

@@ -12,7 +12,7 @@ from stated import IOWA, geokeys, las, wkt_record
 
 from quantify_client import describe
 from quantify_client.crs.same import differences, same_coordinates
-from quantify_client.crs.statements import Statement, merge
+from quantify_client.crs.statements import Statement, merge_statements
 from quantify_client.errors import CloudError
 
 _NULL = "+proj=utm +zone=15 +datum=WGS84 +towgs84=0,0,0,0,0,0,0 +units=m +no_defs +type=crs"
@@ -49,7 +49,9 @@ def test_a_crs_in_other_words_is_the_same(code: int, dialect: str) -> None:
     text = pyproj.CRS(code).to_wkt(dialect)
     for spelled in (text, _without_authority(text)):
         assert same_coordinates(spelled, f"EPSG:{code}")
-        assert not merge([Statement("one", spelled), Statement("two", f"EPSG:{code}")]).warnings
+        assert not merge_statements(
+            [Statement("one", spelled), Statement("two", f"EPSG:{code}")]
+        ).warnings
 
 
 @pytest.mark.parametrize(
@@ -83,8 +85,14 @@ def test_site_grids_have_nothing_but_their_names() -> None:
 
 def test_a_crs_that_names_no_datum_contradicts_none() -> None:
     bare = "+proj=utm +zone=15 +ellps=GRS80 +units=m +type=crs"
-    assert merge([Statement("WKT", "EPSG:26915"), Statement("proj.txt", bare)]).warnings == ()
-    assert merge([Statement("WKT", "EPSG:26916"), Statement("proj.txt", bare)]).warnings != ()
+    assert (
+        merge_statements([Statement("WKT", "EPSG:26915"), Statement("proj.txt", bare)]).warnings
+        == ()
+    )
+    assert (
+        merge_statements([Statement("WKT", "EPSG:26916"), Statement("proj.txt", bare)]).warnings
+        != ()
+    )
 
 
 def test_tiles_in_other_words_are_one_survey(tmp_path: Path) -> None:

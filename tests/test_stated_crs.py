@@ -1,4 +1,4 @@
-"""What a file says of its CRS and units in several places is brought together, and believed.
+"""What a file says of its CRS and units in several places is merged, and used.
 
 Each cloud holds a cone of 268.083 true m3 (see `stated`), in units that the file states.
 """
@@ -18,8 +18,8 @@ from hypothesis import strategies as st
 from stated import FT, IOWA, MISSISSIPPI, US_FT, cone, geokeys, holds, las, volume, wkt_record
 
 from quantify_client import describe, measure
-from quantify_client.crs.geokeys import statement_of
-from quantify_client.crs.statements import Statement, merge
+from quantify_client.crs.geokeys import statement_of_geokeys
+from quantify_client.crs.statements import Statement, merge_statements
 from quantify_client.errors import CrsError, UsageError
 
 UTM_WKT = pyproj.CRS(26915).to_wkt("WKT1_GDAL")
@@ -72,7 +72,7 @@ def test_units_are_those_that_the_file_states(name: str, tmp_path: Path) -> None
 def test_a_unit_beside_a_code_is_told(tmp_path: Path) -> None:
     place, unit, height, version, records = FILES["metre code, feet as the unit"]
     path = las(tmp_path / "a.las", place, (unit, height), records, version)
-    (warning,) = (text for text in describe(path)["warnings"] if "believed" in text)
+    (warning,) = (text for text in describe(path)["warnings"] if "that unit is used" in text)
     assert "Mississippi West in metre" in warning
     assert "given as US survey foot" in warning
 
@@ -158,7 +158,7 @@ SPELLED = {
 @pytest.mark.parametrize("name", SPELLED)
 def test_projections_spelled_out_are_those_of_epsg(name: str) -> None:
     code, place, keys, numbers = SPELLED[name]
-    stated = merge([statement_of({1024: 1, 3072: 32767, **keys, **numbers}, {})])
+    stated = merge_statements([statement_of_geokeys({1024: 1, 3072: 32767, **keys, **numbers}, {})])
     assert stated.crs is not None
     assert stated.warnings == ()
     known = pyproj.CRS(code)
@@ -175,13 +175,17 @@ def test_projections_spelled_out_are_those_of_epsg(name: str) -> None:
 
 def test_wkt_inside_a_citation_is_read() -> None:
     text = "ESRI PE String = " + pyproj.CRS(26915).to_wkt("WKT1_ESRI") + "|"
-    stated = merge([statement_of({1024: 1, 3072: 32767, 3076: 9001}, {1026: text})])
+    stated = merge_statements(
+        [statement_of_geokeys({1024: 1, 3072: 32767, 3076: 9001}, {1026: text})]
+    )
     assert pyproj.CRS(stated.crs).to_epsg(min_confidence=70) == 26915
 
 
 @pytest.mark.parametrize("method", [2, 3, 15, 999])
 def test_projections_that_are_not_known_keep_their_unit(method: int) -> None:
-    stated = merge([statement_of({1024: 1, 2048: 4269, 3072: 32767, 3075: method, 3076: 9002}, {})])
+    stated = merge_statements(
+        [statement_of_geokeys({1024: 1, 2048: 4269, 3072: 32767, 3075: method, 3076: 9002}, {})]
+    )
     axis = pyproj.CRS(stated.crs).axis_info[0]
     assert axis.unit_conversion_factor == pytest.approx(FT, rel=1e-12)
     assert "only its unit (foot) is used" in stated.warnings[0]
@@ -201,19 +205,21 @@ def test_projections_that_are_not_known_keep_their_unit(method: int) -> None:
 def test_any_keys_lead_to_a_crs_that_is_known_or_to_none(
     keys: Dict[int, int], numbers: Dict[int, float]
 ) -> None:
-    stated = merge([statement_of({**numbers, **keys}, {})])
+    stated = merge_statements([statement_of_geokeys({**numbers, **keys}, {})])
     if stated.crs is not None:
         pyproj.CRS(stated.crs)
 
 
-def test_the_first_statement_is_believed_and_both_are_told() -> None:
-    stated = merge([Statement("the record", "EPSG:26915"), Statement("the keys", "EPSG:26916")])
+def test_the_first_statement_is_used_and_both_are_told() -> None:
+    stated = merge_statements(
+        [Statement("the record", "EPSG:26915"), Statement("the keys", "EPSG:26916")]
+    )
     assert stated.crs == "EPSG:26915"
     assert stated.warnings == (
         "the record and the keys contradict each other: NAD83 / UTM zone 15N in metre, and NAD83 / "
-        "UTM zone 16N in metre; the first is believed (--crs sets another)",
+        "UTM zone 16N in metre; the first is used (--crs sets another)",
     )
-    stated = merge(
+    stated = merge_statements(
         [
             Statement("the record", "EPSG:2277+6360"),
             Statement("the keys", height_unit=("metre", 1.0)),
@@ -225,13 +231,17 @@ def test_the_first_statement_is_believed_and_both_are_told() -> None:
 
 def test_two_ways_of_saying_the_same_are_no_contradiction() -> None:
     esri = pyproj.CRS(26915).to_wkt("WKT1_ESRI")
-    assert merge([Statement("WKT", esri), Statement("keys", "EPSG:26915")]).warnings == ()
+    assert (
+        merge_statements([Statement("WKT", esri), Statement("keys", "EPSG:26915")]).warnings == ()
+    )
 
 
 def test_depths_that_only_the_second_statement_has_are_kept() -> None:
     depths = Statement("the codes", "EPSG:32615+5715")  # MSL depth
     assert (
-        pyproj.CRS(merge([Statement("WKT", "EPSG:32615"), depths]).crs).axis_info[2].direction
+        pyproj.CRS(merge_statements([Statement("WKT", "EPSG:32615"), depths]).crs)
+        .axis_info[2]
+        .direction
         == "down"
     )
 

@@ -26,7 +26,7 @@ def test_angles_in_a_unit_of_length_are_degrees(wkt: str, unit: str) -> None:
     assert pyproj.Proj(plane.to_wkt()).get_factors(-93, 42).meridional_scale == pytest.approx(
         0.9996
     )
-    assert "no angle: read as degrees" in stated.warnings[0]
+    assert "is not an angle: read as degrees" in stated.warnings[0]
 
 
 @pytest.mark.parametrize("unit", ['UNIT["radian",1]', 'UNIT["grad",0.0157079632679]'])

@@ -173,3 +173,17 @@ def test_a_plan_that_is_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
     os.mkfifo(left / ".quantify-plan")
     write(tmp_path, "new")
     assert not left.exists()
+
+
+def test_folders_that_cannot_be_locked_are_made_once(tmp_path: Path, monkeypatch) -> None:
+    tried = []
+
+    def unlockable(handle: int, operation: int) -> None:
+        tried.append(handle)
+        assert len(tried) < 3, "another folder each time"
+        raise OSError(95, "Operation not supported")
+
+    monkeypatch.setattr("fcntl.flock", unlockable)
+    with staging(tmp_path) as working:
+        assert list(tmp_path.iterdir()) == [working]
+    assert list(tmp_path.iterdir()) == []

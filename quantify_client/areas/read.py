@@ -32,7 +32,7 @@ from .geojson import DrawnPolygon, geojson_polygons, read_geojson
 from .kml import read_kml
 from .vector import VECTOR_SUFFIXES, read_vector
 
-__all__ = ["Area", "AreaSet", "far_corner", "read_areas", "require_polygons"]
+__all__ = ["Area", "AreaSet", "far_corner_problem", "read_areas", "require_polygons"]
 
 _WGS84 = "OGC:CRS84"
 _MAX_NAME = 80
@@ -85,7 +85,7 @@ def read_areas(
     frame : of the cloud.
     bounds : of the cloud, in the cloud's own coordinates (:attr:`CloudInfo.bounds`); None when
         unknown, and then no polygon is found to lie outside.
-    turned : read x for y: whether the polygons are elsewhere then is to be known.
+    turned : exchange x and y, to see whether the polygons are on the cloud then.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def read_areas(
             text = f"{name}: {one.dropped} members of its collection are not polygons"
             notes.append(Notice("area-parts-dropped", text, area=name, parts=one.dropped))
         areas.append(_area(name, one, one.crs or implied, frame, box))
-    notes += _coarse(drawn, implied, frame)
+    notes += _inaccurate_transfers(drawn, implied, frame)
     return AreaSet(tuple(areas), tuple(notes))
 
 
@@ -147,7 +147,7 @@ def _given(geometry: Any, box: Any) -> Union[Area, AreaFailure]:
     if geometry.geom_type not in ("Polygon", "MultiPolygon") or geometry.is_empty:
         state = "an empty" if geometry.is_empty else "a"
         raise AreaError(f"the area is {state} {geometry.geom_type}: expected a polygon")
-    polygon, problem = _judged(shapely.force_2d(geometry))
+    polygon, problem = _validated(shapely.force_2d(geometry))
     problem = problem or _outside(polygon, box)
     return AreaFailure("area-1", problem) if problem else Area("area-1", polygon)
 
@@ -158,11 +158,11 @@ def _area(
     """Check and move one polygon; a crs of None means the cloud's own coordinates."""
     if one.polygon is None:
         return AreaFailure(name, one.problem)
-    drawn, problem = _judged(shapely.force_2d(one.polygon))
+    drawn, problem = _validated(shapely.force_2d(one.polygon))
     if problem:
         return AreaFailure(name, problem)
     try:
-        polygon, problem = _judged(_moved(drawn, crs, frame))
+        polygon, problem = _validated(_moved(drawn, crs, frame))
         problem = problem or _outside(polygon, box)
     except CrsError as error:
         problem = f"cannot be placed: {error}"
@@ -178,7 +178,7 @@ def _moved(polygon: Any, crs: Optional[str], frame: Frame) -> Any:
 
 
 def _check_crs(drawn: Sequence[DrawnPolygon], frame: Frame, where: str) -> None:
-    """Refuse CRSs that are unknown, or of no use with a cloud that has none."""
+    """Refuse a CRS that is unknown, and any CRS where the cloud has none."""
     for crs in sorted({one.crs for one in drawn if one.crs is not None}):
         try:
             is_geographic(crs)
@@ -199,7 +199,7 @@ def _implied_crs(
     where: str,
     notes: List[Notice],
 ) -> Optional[str]:
-    """Tell the CRS of the polygons that do not say theirs; None is the cloud's own."""
+    """Return the CRS of the polygons that do not name theirs; None is the cloud's own."""
     loose = [one.polygon for one in drawn if one.polygon is not None and one.crs is None]
     loose = [polygon for polygon in loose if np.isfinite(polygon.bounds).all()]
     if not loose or frame.cloud_crs is None:
@@ -222,7 +222,7 @@ def _implied_crs(
     )
 
 
-def _coarse(
+def _inaccurate_transfers(
     drawn: Sequence[DrawnPolygon], implied: Optional[str], frame: Frame
 ) -> Iterator[Notice]:
     """Warn of datum transformations that are less accurate than polygons are drawn."""
@@ -249,10 +249,10 @@ def _coarse(
             yield Notice("area-datum-coarse", text, crs=crs, accuracy_m=accuracy_m)
 
 
-def _judged(polygon: Any) -> Tuple[Any, str]:
-    """Return a valid polygon, or say what is wrong with it.
+def _validated(polygon: Any) -> Tuple[Any, str]:
+    """Return a valid polygon and "", or the polygon and what is wrong with it.
 
-    Parts of a multipolygon that touch along an edge are joined: no point counts twice.
+    Parts of a multipolygon that touch along an edge are joined, so that no point counts twice.
     """
     coordinates = shapely.get_coordinates(polygon)
     if not len(coordinates):
@@ -288,19 +288,19 @@ def _outside(polygon: Any, box: Any) -> str:
     if box is None:
         return ""
     if _overlap(polygon.bounds, box):
-        return far_corner(polygon, box)
+        return far_corner_problem(polygon, box)
     return (
         f"lies outside the cloud: it covers {_range(polygon.bounds)}, the cloud {_range(box)}; "
         "draw it on the cloud, or correct its CRS, or the cloud's (--crs)"
     )
 
 
-def far_corner(polygon: Any, box: Any) -> str:
+def far_corner_problem(polygon: Any, box: Any) -> str:
     """Return what is wrong with a polygon that reaches absurdly far beyond its points, or "".
 
-    Nothing can be measured out there, and cells for all of it would be too large for what lies
-    on the points, and for the other areas. A corner that is further away than the points are
-    wide was not drawn on them.
+    There are no points to measure out there, and cells for all of it would be too coarse for the
+    rest and for the other areas. A corner is too far away when it lies further outside the points
+    than they are wide.
 
     Parameters
     ----------
@@ -322,7 +322,7 @@ def far_corner(polygon: Any, box: Any) -> str:
 
 
 def _swap_hint(polygon: Any, crs: Optional[str], frame: Frame, box: Any) -> str:
-    """Say that x and y seem swapped, if swapping puts the polygon on the cloud."""
+    """Return the advice that x and y seem swapped, if swapping puts the polygon on the cloud."""
     if box is None or polygon.is_empty:
         return ""
     try:
@@ -356,7 +356,7 @@ def _unique(wanted: str, used: Set[str]) -> str:
 
 
 def _clean(label: Any) -> str:
-    """Keep what can be printed on one line; numbers count, other types are no names."""
+    """Return a label as one printable line; "" unless it is a text or a number."""
     if isinstance(label, bool) or not isinstance(label, (str, int, float)):
         return ""
     if not isinstance(label, str) and not abs(label) < 1e18:

@@ -84,7 +84,7 @@ def read_vector(path: Path) -> Tuple[List[DrawnPolygon], List[Notice]]:
 
 @contextmanager
 def _readable(path: Path, data: bytes) -> Iterator[Path]:
-    """Give a copy that only the driver of its ending opens, and that refers to nothing else."""
+    """Yield a copy that only the driver of its ending opens, and that refers to no other file."""
     ending = path.suffix.lower()
     if ending != ".dxf":
         require_signature(path, data, AreaError)
@@ -92,7 +92,7 @@ def _readable(path: Path, data: bytes) -> Iterator[Path]:
         data = _DXF_LEAD + data.lstrip(b"\xef\xbb\xbf \t\r\n")
     else:
         raise AreaError(
-            f"{path.name} is no DXF in text form: it begins with {data[:12]!r}, expected a "
+            f"{path.name} is not a DXF in text form: it begins with {data[:12]!r}, expected a "
             "section; export it as ASCII DXF or GeoJSON"
         )
     journal = path.with_name(f"{path.name}-journal")

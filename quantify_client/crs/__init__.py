@@ -24,19 +24,16 @@ from .plausible import location_warnings
 from .positions import PlaneCoordinates, odm_header, plane_of, positions_to
 from .projection import is_geographic, label
 from .same import same_coordinates
-from .statements import ASSUMED, Stated, Statement, merge, stated_by
+from .statements import ASSUMED, MergedStatements, Statement, merge_statements, statement_of_cloud
 from .wkt import as_wkt, given_crs, require_crs, statement_of_wkt
-
-Plane = PlaneCoordinates  # the name that scaler/ still uses
 
 __all__ = [
     "ASSUMED",
     "UNITS_M",
     "Frame",
     "LocalFrame",
-    "Plane",
     "PlaneCoordinates",
-    "Stated",
+    "MergedStatements",
     "Statement",
     "apply_matrix",
     "as_wkt",
@@ -50,14 +47,14 @@ __all__ = [
     "local_frame",
     "location_warnings",
     "measuring_frame",
-    "merge",
+    "merge_statements",
     "odm_header",
     "placed_frame",
     "plane_of",
     "positions_to",
     "require_crs",
     "same_coordinates",
-    "stated_by",
+    "statement_of_cloud",
     "statement_of_wkt",
     "transfer_accuracy_m",
     "utm_grid",

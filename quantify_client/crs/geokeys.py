@@ -1,6 +1,6 @@
-"""GeoTIFF keys, in which LAS files before 1.4 say their CRS.
+"""Read a CRS from GeoTIFF keys, as LAS files before 1.4 have them.
 
-A code of EPSG, or a projection spelled out by its method and parameters. Keys and codes are those
+They hold a code of EPSG, or a projection as its method and parameters. Keys and codes are those
 of GeoTIFF 1.1 (OGC 19-008r4, annexes B and C), methods and parameters those of EPSG.
 """
 
@@ -23,7 +23,7 @@ from ..types import Notice
 from .projection import CRS, Unit, known_crs, parse
 from .statements import Statement, in_unit
 
-__all__ = ["ORIGIN", "statement_of"]
+__all__ = ["ORIGIN", "statement_of_geokeys"]
 
 ORIGIN = "GeoTIFF keys"
 
@@ -80,7 +80,7 @@ _GEOCENTRIC = "EPSG:4978"
 _EMBEDDED = re.compile(r"ESRI PE String\s*=\s*((?:PROJCS|GEOGCS)\[.*\])", re.DOTALL)
 
 
-def statement_of(keys: Mapping[int, float], texts: Mapping[int, str]) -> Statement:
+def statement_of_geokeys(keys: Mapping[int, float], texts: Mapping[int, str]) -> Statement:
     """Return what GeoTIFF keys say.
 
     Parameters
@@ -173,7 +173,7 @@ def _plane(
     if base is not None:
         plain = base.to_epsg()
         return f"EPSG:{plain}" if plain else str(base.to_wkt())
-    text = f"{ORIGIN}: they name no CRS; the cloud is taken to have none (--crs gives one)"
+    text = f"{ORIGIN}: they name no CRS; the cloud is treated as having none (--crs sets one)"
     notes.append(Notice("crs-not-named", text))
     return None
 
@@ -196,9 +196,13 @@ def _spelled_out(
     base = _base(keys)
     conversion = None if base is None else _conversion(keys, unit or _UNITS[9001])
     if base is None or conversion is None:
-        used = f"only its unit ({unit[0]}) is used" if unit else "the cloud is taken to have no CRS"
+        used = (
+            f"only its unit ({unit[0]}) is used"
+            if unit
+            else "the cloud is treated as having no CRS"
+        )
         text = (
-            f"{ORIGIN}: the projection is user-defined and cannot be read; {used} (--crs gives one)"
+            f"{ORIGIN}: the projection is user-defined and cannot be read; {used} (--crs sets one)"
         )
         notes.append(Notice("projection-unreadable", text))
         return None

@@ -1,4 +1,4 @@
-"""Geometries in and out of the frame, and lengths from the grid to the ground."""
+"""Move geometries into and out of a frame, and compare lengths on its grid with the ground."""
 
 from __future__ import annotations
 
@@ -118,9 +118,9 @@ def geometry_to_wgs84(geometry: Any, frame: Frame) -> Any:
 
 
 def transfer_accuracy_m(from_crs: str, frame: Frame, lon_or_x: float, lat_or_y: float) -> float:
-    """State how well a place in ``from_crs`` is known in the frame, in metres.
+    """Return the accuracy of moving a place from ``from_crs`` to the frame, metres.
 
-    0 when both share a datum, NaN when PROJ does not know. Raises CrsError as
+    0 when both share a datum, NaN when PROJ does not know it. Raises CrsError as
     :func:`geometry_to_frame` does.
     """
     if frame.grid is None:
@@ -138,7 +138,7 @@ def transfer_accuracy_m(from_crs: str, frame: Frame, lon_or_x: float, lat_or_y: 
 
 
 def _share_a_datum(source: str, target: str) -> bool:
-    """Tell whether a projection alone leads from one to the other; of that PROJ 9.8 knows none."""
+    """Return whether both have the same datum: PROJ 9.8 states no accuracy of a mere projection."""
     a, b = parse(source), parse(target)
     return not (a.is_bound or b.is_bound) and a.datum is not None and a.datum == b.datum
 

@@ -1,4 +1,4 @@
-"""Whether a cloud can be where its CRS puts it.
+"""Check whether a cloud can be where its CRS puts it.
 
 A wrong CRS or unit mostly shows in where it puts the cloud: feet read as metres move a site from
 Pennsylvania into the Atlantic. The area of use of a CRS is EPSG's.
@@ -81,7 +81,7 @@ def _area_of_use(crs: CRS) -> Any:
 
 
 def _grows(crs: CRS) -> bool:
-    """Whether lengths on a grid grow with latitude without end, as Mercator's do."""
+    """Return whether lengths on a grid grow with latitude without limit, as Mercator's do."""
     operation = crs.coordinate_operation
     method = "" if operation is None else operation.method_name.lower()
     return "mercator" in method and "transverse" not in method and "oblique" not in method
@@ -106,7 +106,7 @@ def _inside(use: Any, place: Optional[Tuple[float, float]], margin: float) -> bo
 
 
 def _cause(crs: CRS, use: Any, x: float, y: float) -> str:
-    """Name what would put the same coordinates where the CRS is for."""
+    """Return what would put the same coordinates into the area of use of the CRS, as advice."""
     if crs.is_projected:
         for name, metres in _UNITS:
             if _inside(use, _place(parse(in_unit(crs, (name, metres))), x, y), 0.0):

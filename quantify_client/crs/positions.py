@@ -1,4 +1,4 @@
-"""Positions of single points: what a CRS's x and y are, the way between two, and ODM's header."""
+"""Move single positions between CRSs, and write the CRS line of ODM's GCP file."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""In what two CRSs differ, however each of them is written.
+"""Compare two CRSs by what decides coordinates, however each of them is written.
 
-Names, authorities, the order and names of axes, WKT 1 or 2 and ESRI's or OGC's words say nothing
-of coordinates; the unit, the datum and the projection do.
+The unit, the datum and the projection count. Names, authorities, the order and names of axes and
+the dialect (WKT 1 or 2, ESRI's or OGC's) do not.
 """
 
 from __future__ import annotations
@@ -44,14 +44,12 @@ def differences(one: CRS, other: CRS) -> Tuple[str, ...]:
     on_earth = one.is_projected or one.is_geographic  # PROJ takes all site grids for the same
     if on_earth and one.equals(other, ignore_axis_order=True):
         return ()
-    found = []
-    if not same_metres(unit_of(one)[1], unit_of(other)[1]):
-        found.append("horizontal unit")
-    if not _same_datum(one, other):
-        found.append("datum")
-    if not _same_projection(one, other):
-        found.append("projection")
-    return tuple(found)
+    same = {
+        "horizontal unit": same_metres(unit_of(one)[1], unit_of(other)[1]),
+        "datum": _same_datum(one, other),
+        "projection": _same_projection(one, other),
+    }
+    return tuple(part for part, is_same in same.items() if not is_same)
 
 
 def identifier(crs: CRS) -> str:
@@ -64,20 +62,19 @@ def identifier(crs: CRS) -> str:
 
 
 def names_datum(crs: CRS) -> bool:
-    """Whether a CRS says on which datum it is, not only on which ellipsoid."""
+    """Return whether a CRS names its datum, not only its ellipsoid."""
     return crs.datum is not None and not _NO_DATUM.search(crs.datum.name)
 
 
 def same_coordinates(one: str, other: str) -> bool:
-    """Whether two CRSs give a place the same coordinates, however each is written."""
+    """Return whether two CRSs give a place the same coordinates, however each is written."""
     return not differ_in(one, other)
 
 
 def differ_in(one: str, other: str) -> Tuple[str, ...]:
-    """Return what would give a place other coordinates in one of two CRSs than in the other.
+    """Return the parts of two CRSs that give a place different coordinates.
 
-    A null TOWGS84, names of axes and a vertical part in the unit that z has anyway say nothing of
-    coordinates.
+    A null TOWGS84, names of axes, and a vertical part in the unit that z has anyway, do not.
     """
     if one == other:
         return ()
@@ -85,16 +82,16 @@ def differ_in(one: str, other: str) -> Tuple[str, ...]:
         (a, z_of_a), (b, z_of_b) = (split(parse(text)) for text in (one, other))
     except CrsError:
         return ("CRS",)
-    found = list(differences(unbound(a), unbound(b)))
-    if _shift(a) != _shift(b):
-        found.append("TOWGS84")
-    if not same_metres(_z_unit(a, z_of_a), _z_unit(b, z_of_b)):
-        found.append("vertical unit")
-    return tuple(found)
+    same = {
+        "TOWGS84": _shift(a) == _shift(b),
+        "vertical unit": same_metres(_z_unit(a, z_of_a), _z_unit(b, z_of_b)),
+    }
+    parts = differences(unbound(a), unbound(b))
+    return (*parts, *(part for part, is_same in same.items() if not is_same))
 
 
 def same_metres(one: float, other: float) -> bool:
-    """Whether two units are the same, given their metres; negative ones count depths."""
+    """Return whether two units are the same, given their metres; negative ones are of depths."""
     return abs(one / other - 1) < _SAME_UNIT
 
 
@@ -102,13 +99,12 @@ def _same_datum(one: CRS, other: CRS) -> bool:
     a, b = one.datum, other.datum
     if a is None or b is None:
         return a is None and b is None
-    # WKT 1 has no word for an ensemble of datums.
+    # WKT 1 cannot express an ensemble of datums.
     return bool(a == b) or a.name.replace(" ensemble", "") == b.name.replace(" ensemble", "")
 
 
 def _same_projection(one: CRS, other: CRS) -> bool:
-    kinds = {one.is_projected, other.is_projected}, {one.is_geographic, other.is_geographic}
-    if any(len(kind) > 1 for kind in kinds):
+    if (one.is_projected, one.is_geographic) != (other.is_projected, other.is_geographic):
         return False
     if not one.is_projected:
         return one.is_geographic or one.name == other.name  # site grids have nothing but a name
@@ -118,7 +114,7 @@ def _same_projection(one: CRS, other: CRS) -> bool:
 
 
 def _agree_at_origin(one: CRS, other: CRS) -> bool:
-    """Whether two projections put places around the origin of the first at the same place."""
+    """Return whether two projections agree to a millimetre around the origin of the first."""
     base, other_base, operation = one.geodetic_crs, other.geodetic_crs, one.coordinate_operation
     if base is None or other_base is None or operation is None:
         return False
@@ -143,7 +139,7 @@ def _agree_at_origin(one: CRS, other: CRS) -> bool:
 
 
 def _shift(crs: CRS) -> Tuple[float, ...]:
-    """Return the parameters of a TOWGS84; none of one that moves nothing."""
+    """Return the parameters of a TOWGS84; none where all are 0."""
     operation = crs.coordinate_operation if crs.is_bound else None
     found = tuple(operation.towgs84) if operation is not None else ()
     return found if any(found) else ()

@@ -1,9 +1,9 @@
-"""What a file says of its coordinates in several places, brought together.
+"""Merge what a file states about its CRS in several places.
 
 A cloud may carry a WKT record, GeoTIFF keys, members of its index and text files beside it, each
-complete or not. Nothing that one of them says is lost: the plane comes from the first that names
-it, its unit and that of the heights from the most specific statement of each, and where two of
-them contradict each other both are told, and which was believed.
+complete or not. The horizontal CRS is that of the first one that names it; its unit, and that of
+the heights, come from the most specific statement of each. Where two of them contradict each other
+the result says both, and which was used.
 """
 
 from __future__ import annotations
@@ -17,7 +17,15 @@ from ..types import CloudInfo, CrsPart, Notice
 from .projection import CRS, Unit, horizontal_wkt, known_crs, parse, short, split, unbound, unit_of
 from .same import differences, names_datum
 
-__all__ = ["ASSUMED", "Stated", "Statement", "compound", "in_unit", "merge", "stated_by"]
+__all__ = [
+    "ASSUMED",
+    "MergedStatements",
+    "Statement",
+    "compound",
+    "in_unit",
+    "merge_statements",
+    "statement_of_cloud",
+]
 
 Contrary = Tuple[str, str]
 """A value that was not believed, and what said it."""
@@ -37,7 +45,7 @@ _CODE = re.compile(r"EPSG:\d+")
 
 @dataclass(frozen=True)
 class Statement:
-    """What one record of a file, or one file beside it, says.
+    """What one record of a file, or one file beside it, states about the CRS.
 
     Attributes
     ----------
@@ -66,8 +74,8 @@ class Statement:
 
 
 @dataclass(frozen=True)
-class Stated:
-    """What all statements come to.
+class MergedStatements:
+    """What all statements together say of a CRS.
 
     Attributes
     ----------
@@ -97,8 +105,8 @@ class _Heights:
     contrary: Tuple[Contrary, ...] = ()
 
 
-def merge(statements: Sequence[Statement]) -> Stated:
-    """Bring together what several records say, the more trustworthy first.
+def merge_statements(statements: Sequence[Statement]) -> MergedStatements:
+    """Merge what several records state, the more trustworthy first.
 
     Parameters
     ----------
@@ -106,7 +114,7 @@ def merge(statements: Sequence[Statement]) -> Stated:
 
     Returns
     -------
-    Stated
+    MergedStatements
         Its ``crs`` is the very text of a statement where that says it all.
     """
     warnings = [text for statement in statements for text in statement.warnings]
@@ -116,7 +124,7 @@ def merge(statements: Sequence[Statement]) -> Stated:
     plane = next((statement for statement in usable if statement.crs), None) or _bare(usable)
     heights = [known for known in (_heights_of(s, warnings) for s in usable) if known is not None]
     if plane is None:
-        return Stated(None, None, (*warnings, *map(_heights_alone, heights[:1])))
+        return MergedStatements(None, None, (*warnings, *map(_heights_alone, heights[:1])))
     contrary = _contradictions(plane, [s for s in usable if s is not plane], warnings)
     crs, origin = plane.crs, plane.origin
     if heights:
@@ -124,11 +132,11 @@ def merge(statements: Sequence[Statement]) -> Stated:
     if _if_known(crs, origin, warnings) is None:  # heights that no such plane can have
         crs, origin, heights = plane.crs, plane.origin, []
     believed = _believed(heights, warnings) if heights else None
-    return Stated(crs, origin, tuple(warnings), _parts(plane, believed, contrary))
+    return MergedStatements(crs, origin, tuple(warnings), _parts(plane, believed, contrary))
 
 
-def stated_by(info: CloudInfo) -> Optional[Statement]:
-    """Return what a reader found, as one statement that knows where each part of it was said."""
+def statement_of_cloud(info: CloudInfo) -> Optional[Statement]:
+    """Return what a reader found as one statement, with the source of each part."""
     if info.crs is None:
         return None
     said = {part.part: part for part in info.crs_parts if part.source != ASSUMED}
@@ -144,7 +152,7 @@ def stated_by(info: CloudInfo) -> Optional[Statement]:
 
 
 def _heights_alone(known: _Heights) -> Notice:
-    """Return the warning where the unit of z is known, and that of x and y is not."""
+    """Return the warning that the unit of z is known, and that of x and y is not."""
     text = (
         f"{known.origin}: heights are in {known.unit[0]}, and nothing says the unit of x and y: z "
         "is taken to be in the same (give --crs, or --source-unit and --vertical-unit)"
@@ -153,9 +161,10 @@ def _heights_alone(known: _Heights) -> Notice:
 
 
 def _checked(statement: Statement, warnings: List[Notice], *, first: bool) -> Statement:
-    """Return a statement without what PROJ does not know, its plane in the unit beside it.
+    """Return a statement without what PROJ does not know, its plane in the unit given beside it.
 
-    What a plane and its unit contradict each other in is told of the first, which is believed.
+    Only the first plane, which is the one that is used, leads to a warning when it contradicts the
+    unit beside it.
     """
     crs = _if_known(statement.crs, statement.origin, warnings)
     vertical = _if_known(statement.vertical, statement.origin, warnings)
@@ -169,7 +178,7 @@ def _checked(statement: Statement, warnings: List[Notice], *, first: bool) -> St
     if first:
         text = (
             f"{known.origin}: x and y are those of {short(plane.name)} in {own[0]}, and "
-            f"their unit is given as {unit[0]}: the unit is believed (--crs sets another)"
+            f"their unit is given as {unit[0]}: that unit is used (--crs sets another)"
         )
         warnings.append(_contradiction("unit", text, known.origin, known.origin))
     beside = {"horizontal unit": ((own[0], known.place("CRS")),)}
@@ -212,7 +221,7 @@ def _same_unit(one: Unit, other: Unit) -> bool:
 def _contradictions(
     believed: Statement, others: Sequence[Statement], warnings: List[Notice]
 ) -> Dict[str, Tuple[Contrary, ...]]:
-    """Return by part what other statements say, where it is not what is believed; warn of it."""
+    """Return what other statements say instead of what is believed, by part; warn of it."""
     found = dict(believed.contradicted_by)
     plane = _plane(str(believed.crs))
     unit = unit_of(plane)
@@ -234,7 +243,7 @@ def _contradictions(
         if parts:
             text = (
                 f"{believed.origin} and {other.origin} contradict each other: {what} "
-                f"{says['horizontal unit']}; the first is believed"
+                f"{says['horizontal unit']}; the first is used"
                 f"{_another(believed.origin, '--crs')}"
             )
             warnings.append(_contradiction("plane", text, believed.origin, other.origin))
@@ -242,7 +251,7 @@ def _contradictions(
 
 
 def _another(origin: str, option: str) -> str:
-    """Return the way out, which who gave the option himself does not need."""
+    """Return the advice to use an option, unless the value came from an option."""
     return "" if origin.startswith("--") else f" ({option} sets another)"
 
 
@@ -264,7 +273,7 @@ def _heights_of(statement: Statement, warnings: List[Notice]) -> Optional[_Heigh
         return replace(found, unit=own, name=name, name_place=place, definition=definition)
     text = (
         f"{statement.origin}: heights are those of {short(name)} in {own[0]}, and "
-        f"their unit is given as {unit[0]}: the unit is believed (--vertical-unit sets another)"
+        f"their unit is given as {unit[0]}: that unit is used (--vertical-unit sets another)"
     )
     warnings.append(_contradiction("height-unit", text, statement.origin, statement.origin))
     return replace(found, contrary=(*contrary, (own[0], place)))
@@ -285,14 +294,14 @@ def _vertical_axis(statement: Statement) -> Tuple[str, Any, Optional[str]]:
 
 
 def _believed(heights: Sequence[_Heights], warnings: List[Notice]) -> _Heights:
-    """Return the first with what the others say instead; warn where they do."""
+    """Return the first, with the units that others state instead; warn of these."""
     first, contrary = heights[0], list(heights[0].contrary)
     for other in heights[1:]:
         if _same_unit(first.unit, other.unit):
             continue
         text = (
             f"{first.origin} and {other.origin} contradict each other on heights: "
-            f"{first.unit[0]} and {other.unit[0]}; the first is believed"
+            f"{first.unit[0]} and {other.unit[0]}; the first is used"
             f"{_another(first.origin, '--vertical-unit')}"
         )
         warnings.append(_contradiction("height-unit", text, first.origin, other.origin))

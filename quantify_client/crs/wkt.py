@@ -1,4 +1,4 @@
-"""WKT: written so that other programs read it, and read where it is not quite WKT."""
+"""Write WKT that other programs read, and read WKT that is not quite valid."""
 
 from __future__ import annotations
 
@@ -28,6 +28,7 @@ _PLANES = (
 )
 _HEIGHTS = ("VERT_CS", "VERTCS", "VERTCRS", "VERTICALCRS")
 _UNIT = re.compile(r'(?:LENGTH)?UNIT\s*\[\s*"([^"]{1,80})"\s*,\s*([0-9.eE+-]{1,40})', re.IGNORECASE)
+_BRACKETS = re.compile(r'"[^"]*(?:"|$)|[][]')  # those within quotes do not count
 _EXPECTED = "EPSG:n, WKT or a PROJ string"
 _MOST = 1 << 16  # characters that are looked through
 _DEGREE = 'UNIT["degree",0.0174532925199433'
@@ -64,19 +65,19 @@ def _exists(given: str) -> bool:
 
 
 def require_crs(text: str) -> None:
-    """Raise CrsError for a text that is no CRS; no file is looked for.
+    """Raise CrsError for a text that is not a CRS; unlike :func:`given_crs`, no file is read.
 
     >>> require_crs("EPSG:32615")
     """
     if known_crs(text) is None:
-        raise CrsError(f"--crs {short(text)!r} is no CRS that is known here: give {_EXPECTED}")
+        raise CrsError(f"--crs {short(text)!r} is not a CRS that is known here: give {_EXPECTED}")
 
 
 def statement_of_wkt(text: str, origin: str) -> Statement:
-    """Return what a WKT record says; of one that PROJ cannot read, the parts that it can.
+    """Return what a WKT record says; where PROJ cannot read all of it, the parts that it can.
 
-    A compound CRS has an unknown vertical part more often than an unknown plane: the plane is
-    used, and of the heights the unit.
+    In a compound CRS the vertical part is unknown more often than the horizontal one: the
+    horizontal part is used then, and the unit of the heights.
     """
     text, notes = _in_degrees(text, origin)
     whole = known_crs(text)
@@ -97,22 +98,23 @@ def statement_of_wkt(text: str, origin: str) -> Statement:
     if vertical is not None or unit is not None:
         used.append(f"{unit[0] if unit else short(parse(str(vertical)).name)} for heights")
     said = f"only {' and '.join(used)} is used" if used else "it is not used"
-    warning = f"{origin}: cannot be understood whole ({text[:60]!r}): {said} (--crs sets another)"
+    warning = f"{origin}: cannot be read completely ({text[:60]!r}): {said} (--crs sets another)"
     notes = (*notes, Notice("crs-partly-unknown", warning, origin=origin))
     return Statement(origin, plane, vertical=vertical, height_unit=unit, warnings=notes)
 
 
 def _in_degrees(text: str, origin: str) -> Tuple[str, Tuple[Notice, ...]]:
-    """Return WKT 1 with degrees where it gives angles in a unit of length, and what to say of it.
+    """Return WKT 1 with degrees in place of a unit of length for angles, and a warning of it.
 
-    -123 "metres" of longitude would be radians, and a grid half round the Earth from its site.
+    -123 "metres" of longitude would be read as radians, which puts the grid half way round the
+    Earth.
     """
     for part in _parts(text, ("GEOGCS",)):
         found, unit = _UNIT.search(part), _unit(part)
         if found and unit and unit[1] > _LARGE_ANGLE and not unit[0].lower().startswith("rad"):
             degrees = part[: found.start()] + _DEGREE + part[found.end() :]
             note = (
-                f"{origin}: its angles are in {unit[0]!r}, which is no angle: read as degrees "
+                f"{origin}: its angles are in {unit[0]!r}, which is not an angle: read as degrees "
                 "(--crs sets another)"
             )
             return text.replace(part, degrees), (Notice("angle-unit-wrong", note, unit=unit[0]),)
@@ -131,15 +133,11 @@ def _parts(text: str, names: Tuple[str, ...]) -> Iterator[str]:
 
 def _closing(text: str, start: int) -> Optional[int]:
     """Return the place after the bracket that closes the one before `start`."""
-    depth, quoted = 1, False
-    for place in range(start, len(text)):
-        letter = text[place]
-        if letter == '"':
-            quoted = not quoted
-        elif not quoted and letter in "[]":
-            depth += 1 if letter == "[" else -1
-            if depth == 0:
-                return place + 1
+    depth = 1
+    for found in _BRACKETS.finditer(text, start):
+        depth += {"[": 1, "]": -1}.get(found.group(), 0)
+        if depth == 0:
+            return found.end()
     return None
 
 
@@ -152,7 +150,7 @@ def _unit(text: str) -> Optional[Unit]:
 
 
 def as_wkt(crs: str) -> str:
-    """Write a CRS as WKT 1 in GDAL's dialect, or as WKT 2 where WKT 1 has no words for it.
+    """Return a CRS as WKT 1 in GDAL's dialect, or as WKT 2 where WKT 1 cannot express it.
 
     Parameters
     ----------
@@ -161,7 +159,7 @@ def as_wkt(crs: str) -> str:
     Raises
     ------
     CrsError
-        When it is none of these, or can be said in neither dialect.
+        When it is none of these, or neither dialect can express it.
     """
     known = parse(crs)
     for dialect in _DIALECTS:

@@ -32,6 +32,22 @@ _SIGNATURES = {
     ".tif": (b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+"),
 }
 
+#: What is often found in place of a file, by its beginning in lower case.
+_NOT_THE_FILE = (
+    (
+        b"version https://git-lfs",
+        "is a Git LFS pointer, not the file itself; fetch that with 'git lfs pull', or download it",
+    ),
+    (
+        b"pk\x03\x04",
+        "is a zip archive (as .kmz and .xlsx are), not {what}; unpack it, or export it",
+    ),
+    (
+        (b"<!doctype html", b"<html"),
+        "is a web page, not {what}; log in where it comes from and download the file",
+    ),
+)
+
 
 def real_path(path: Union[str, Path]) -> Path:
     """Return a path without links; of links that lead in a circle, as far as they can be followed.
@@ -73,19 +89,9 @@ def read_small(
     start = data[:512].lstrip(b"\xef\xbb\xbf \t\r\n").lower()
     if not start:
         raise error(f"{name} is empty; expected {what}")
-    if start.startswith(b"version https://git-lfs"):
-        raise error(
-            f"{name} is a Git LFS pointer, not the file itself; fetch that with 'git lfs pull', or "
-            "download it"
-        )
-    if data.startswith(b"PK\x03\x04"):
-        raise error(
-            f"{name} is a zip archive (as .kmz and .xlsx are), not {what}; unpack it, or export it"
-        )
-    if start.startswith((b"<!doctype html", b"<html")):
-        raise error(
-            f"{name} is a web page, not {what}; log in where it comes from and download the file"
-        )
+    for beginnings, found in _NOT_THE_FILE:
+        if start.startswith(beginnings):
+            raise error(f"{name} {found.format(what=what)}")
     return data
 
 

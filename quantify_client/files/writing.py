@@ -1,4 +1,4 @@
-"""Files that we write: what they may replace, how they appear, and what killed runs have left.
+"""Write output files: what they may replace, all at once or none, also after a run was killed.
 
 A run writes into a hidden working folder beside its results and moves them from there, all or
 none. The folder is locked while the run lives: the next run into the same place removes those
@@ -86,12 +86,14 @@ def _is_unmarked_result(path: Path) -> bool:
 
 
 def require_replaceable(path: Path, inputs: Sequence[Input] = ()) -> None:
-    """Raise OutputError unless nothing is at a path, or an earlier result that is no input now.
+    """Raise OutputError when writing to a path would replace more than an earlier result.
+
+    An earlier result that is an input of this run is not replaced either.
 
     Parameters
     ----------
-    inputs : what the user gives to be read, under whatever names; None and what does not exist
-        are passed over.
+    inputs : what the user gives to be read, under any name; None and what does not exist are
+        ignored.
     """
     if not os.path.lexists(path):
         return
@@ -170,7 +172,7 @@ def _move(working: Path, names: Sequence[str]) -> None:
 
 
 def _keep(path: Path, copy: Path) -> None:
-    """Give a file a second name, so that its first is never without content."""
+    """Give a file a second name, so that something is always there under the first."""
     try:
         os.link(path, copy)
     except OSError:  # a file system without hard links
@@ -179,9 +181,9 @@ def _keep(path: Path, copy: Path) -> None:
 
 @contextmanager
 def staging(folder: Path, *, make: bool = False) -> Iterator[Path]:
-    """Make a hidden working folder: surely on the disk of `folder`, so that moving is renaming.
+    """Yield a hidden working folder on the same disk as `folder`, so that moving is renaming.
 
-    With `make` the folder itself is made when it is missing, and goes away again when the ``with``
+    With `make` the folder itself is made when it is missing, and removed again when the ``with``
     block fails.
     """
     missing = [path for path in (folder, *folder.parents) if make and not path.exists()]
@@ -199,7 +201,7 @@ def staging(folder: Path, *, make: bool = False) -> Iterator[Path]:
 
 @contextmanager
 def scratch() -> Iterator[Path]:
-    """Make a folder for what is only needed within the ``with`` block, where TMPDIR says."""
+    """Yield a temporary folder (in TMPDIR) that is removed after the ``with`` block."""
     with _working(Path(tempfile.gettempdir()), _SCRATCH) as working:
         yield working.resolve()
 
@@ -223,35 +225,31 @@ def _working(parent: Path, prefix: str) -> Iterator[Path]:
 
 
 def _locked(path: Path) -> Optional[int]:
-    """Lock a working folder, and return its handle; None when somebody has swept it already.
+    """Lock a working folder and return the handle; None when another run has removed it already.
 
-    The handle is -1 where folders cannot be locked: what is left there is never swept.
+    The handle is -1 where folders cannot be locked: nothing is removed there afterwards.
     """
     if sys.platform == "win32":
         return -1
     import fcntl
 
+    handle, failed = -1, None
     try:
         handle = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
-    except FileNotFoundError:
-        return None
-    except OSError:
-        return -1
-    try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         if os.path.samestat(os.fstat(handle), path.lstat()):
             return handle
     except (BlockingIOError, FileNotFoundError):
-        pass
+        pass  # another run has it, or has removed it
     except OSError:
+        failed = -1
+    if handle >= 0:
         os.close(handle)
-        return -1
-    os.close(handle)
-    return None
+    return failed
 
 
 def _sweep(parent: Path, prefix: str) -> None:
-    """Remove what killed runs of this user have left in a folder."""
+    """Remove the working folders that killed runs of this user left in a folder."""
     for path in parent.glob(f"{prefix}*") if sys.platform != "win32" else ():
         with suppress(OSError):
             if not _NAME.fullmatch(path.name) or path.lstat().st_uid != os.getuid():
@@ -267,7 +265,7 @@ def _sweep(parent: Path, prefix: str) -> None:
 
 
 def _finish(working: Path) -> None:
-    """End the moves of a run that was killed among them; newer files than its own stay."""
+    """Complete the moves of a run that was killed during them; newer files are kept."""
     plan = working / _PLAN
     with suppress(OSError, ValueError, RecursionError):  # a plan may be anybody's
         known = plan.lstat()

@@ -85,7 +85,7 @@ def placed_level(frame: Frame, options: Options, level: Level, at: Window) -> Un
     level : an elevation, metres; anything else is returned as it is.
     at : about where it counts, in the cloud's own frame: a level of a tilted cloud is tilted.
     """
-    if options.area_frame != "cloud" or not isinstance(level, (int, float)):
+    if options.area_frame == "control" or not isinstance(level, (int, float)):
         return level
     return frame.elevation(level, (at.min_x + at.max_x) / 2, (at.min_y + at.max_y) / 2)
 

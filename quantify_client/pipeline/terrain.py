@@ -21,7 +21,7 @@ from typing import (
 
 import shapely
 
-from ..areas.read import Area, far_corner
+from ..areas.read import Area, far_corner_problem
 from ..crs import Frame
 from ..errors import QuantifyError
 from ..source import Source
@@ -327,4 +327,4 @@ def _reaches_too_far(site: _AreaSite) -> str:
     if cubes.count.sum() <= _CROWDED * len(cubes.count):
         return ""
     core = core_window(site.points, Window(*site.polygon.bounds))
-    return far_corner(site.points.to_frame(site.polygon), astuple(core)) if core else ""
+    return far_corner_problem(site.points.to_frame(site.polygon), astuple(core)) if core else ""

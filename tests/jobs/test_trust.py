@@ -354,5 +354,5 @@ def test_a_journal_names_no_file_for_its_crs(tmp_path):
         if crs.startswith("EPSG"):
             assert kept_options(tmp_path, job) == {"crs": crs}
             continue
-        with pytest.raises(JobError, match="is no CRS that is known here"):
+        with pytest.raises(JobError, match="is not a CRS that is known here"):
             kept_options(tmp_path, job)

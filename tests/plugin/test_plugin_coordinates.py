@@ -97,7 +97,7 @@ def test_a_code_that_nobody_knows_opens_no_file(host, beach_task):
     state = host.owner.wait(beach_task, job)
     assert state["state"] == "failed"
     assert state["error"] == (
-        "\u201cCoordinate system\u201d 'EPSG:999999' is no CRS that is known here: give EPSG:n, "
+        "\u201cCoordinate system\u201d 'EPSG:999999' is not a CRS that is known here: give EPSG:n, "
         "WKT or a PROJ string"
     )
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Callable, Dict, Mapping, Optional, Tuple
 
-from ...crs.statements import Stated, Statement, merge
+from ...crs.statements import MergedStatements, Statement, merge_statements
 from ...crs.wkt import statement_of_wkt
 from ...errors import CloudError
 from ...files.reading import count_values
@@ -62,7 +62,7 @@ class EptIndex:
     count: int
     tiles: Mapping[str, int]
     schema: Tuple[Mapping[str, Any], ...]
-    stated: Stated
+    stated: MergedStatements
 
     def box(self, key: str) -> Bounds:
         """Return the box of a tile: the cube is halved at each level."""
@@ -237,14 +237,14 @@ def _box(source: Path, values: Any) -> Bounds:
     return Bounds(*box)
 
 
-def _stated(srs: Any) -> Stated:
+def _stated(srs: Any) -> MergedStatements:
     """Bring together WKT and the codes of an authority; a WKT without heights may stand beside
     a code that has them.
     """
     if isinstance(srs, str):  # Entwine 1
         srs = {"wkt": srs}
     if not isinstance(srs, dict):
-        return Stated()
+        return MergedStatements()
     statements = []
     if srs.get("wkt"):
         statements.append(statement_of_wkt(str(srs["wkt"]), "WKT in ept.json"))
@@ -256,4 +256,4 @@ def _stated(srs: Any) -> Stated:
         places = {"CRS": "ept.json srs.horizontal", "heights": "ept.json srs.vertical"}
         places["vertical unit"] = places["heights"]
         statements.append(Statement("code in ept.json", codes[0], vertical=codes[1], places=places))
-    return merge(statements)
+    return merge_statements(statements)

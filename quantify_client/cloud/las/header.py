@@ -28,9 +28,8 @@ from typing import (
 import laspy
 import numpy as np
 
-from ...crs.geokeys import statement_of
-from ...crs.statements import Stated, Statement
-from ...crs.statements import merge as merged
+from ...crs.geokeys import statement_of_geokeys
+from ...crs.statements import MergedStatements, Statement, merge_statements
 from ...crs.wkt import statement_of_wkt
 from ...errors import CloudError
 from ...types import MAX_COORDINATE, Bounds
@@ -221,7 +220,7 @@ def _require_places(path: Path, header: Any) -> None:
         )
 
 
-def crs_of(header: Any) -> Stated:
+def crs_of(header: Any) -> MergedStatements:
     """Return the CRS of a LAS header (and of the extended records attached to it).
 
     WKT goes before GeoTIFF keys, which add what it does not say; the WKT that libLAS wrote beside
@@ -236,8 +235,10 @@ def crs_of(header: Any) -> Stated:
             old.append(bytes(record.record_data).decode("utf-8", "replace"))
     told = [record.string for record in kinds["WktCoordinateSystemVlr"]]
     keys, texts = _geo_keys(kinds)
-    geotiff = [statement_of(keys, texts)] if keys or texts else []
-    return merged([*_of_wkt(told, "LAS WKT record"), *geotiff, *_of_wkt(old, "libLAS WKT record")])
+    geotiff = [statement_of_geokeys(keys, texts)] if keys or texts else []
+    return merge_statements(
+        [*_of_wkt(told, "LAS WKT record"), *geotiff, *_of_wkt(old, "libLAS WKT record")]
+    )
 
 
 def _of_wkt(texts: Iterable[str], source: str) -> List[Statement]:

@@ -9,7 +9,7 @@ import unicodedata
 from dataclasses import dataclass
 from typing import Mapping, Optional, Sequence, Tuple, Union
 
-from ...crs import Plane
+from ...crs import PlaneCoordinates
 from ...errors import ControlError
 from ...types import MAX_COORDINATE
 from .keys import MAX_ELEVATION_M, MAX_LENGTH_M, MAX_NAME, MIN_ACCURACY, MIN_LENGTH_M, Keys
@@ -196,7 +196,7 @@ def near_miss(word: str, known: Union[Keys, Sequence[str]]) -> str:
     return f"expected {', '.join(list(known)[:_MAX_LISTED])}{more}" if known else "there is none"
 
 
-def position_problem(x: float, y: float, plane: Plane) -> Optional[str]:
+def position_problem(x: float, y: float, plane: PlaneCoordinates) -> Optional[str]:
     """Return what is wrong with a position in a CRS, or None."""
     degrees = abs(x) <= 180 and abs(y) <= 90
     if not plane.geographic:

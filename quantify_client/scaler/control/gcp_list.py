@@ -15,7 +15,7 @@ from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, Uni
 
 import numpy as np
 
-from ...crs import Plane, plane_of, positions_to
+from ...crs import PlaneCoordinates, plane_of, positions_to
 from ...errors import ControlError, CrsError
 from ...types import MAX_COORDINATE, FloatArray
 from ...types.notice import Notice
@@ -69,7 +69,7 @@ class GcpList:
     """A whole list; `file` is its name, for messages."""
 
     file: str
-    plane: Plane
+    plane: PlaneCoordinates
     rows: Sequence[GcpRow]
 
     def error(self, line: int, problem: str) -> ControlError:
@@ -117,7 +117,7 @@ def parse_gcp_list(text: str, file: str) -> GcpList:
     return GcpList(file, plane, tuple(rows))
 
 
-def _header(line: str) -> Plane:
+def _header(line: str) -> PlaneCoordinates:
     words = line.split()
     if len(words) >= 3 and _is_number(words[0]) and _is_number(words[1]):
         problem = "expected the CRS of the rows before them: EPSG:n, 'WGS84 UTM 32N' or PROJ4"
@@ -141,7 +141,7 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def _pick(line: int, words: Sequence[str], plane: Plane) -> GcpRow:
+def _pick(line: int, words: Sequence[str], plane: PlaneCoordinates) -> GcpRow:
     x, y, z = _place(words[:3], plane)
     px, py = _number(words[3], "px"), _number(words[4], "py")
     if not (0 <= px <= _MAX_PIXEL and 0 <= py <= _MAX_PIXEL):
@@ -157,7 +157,7 @@ def _pick(line: int, words: Sequence[str], plane: Plane) -> GcpRow:
     return GcpRow(line, x, y, z, name, words[5], px, py)
 
 
-def _coordinates(line: int, words: Sequence[str], plane: Plane) -> GcpRow:
+def _coordinates(line: int, words: Sequence[str], plane: PlaneCoordinates) -> GcpRow:
     row = quoted(" ".join(words))
     if len(words) == 3:
         if not all(map(_is_number, words)):
@@ -174,7 +174,7 @@ def _coordinates(line: int, words: Sequence[str], plane: Plane) -> GcpRow:
     return GcpRow(line, *_place(words[1:], plane), _name(words[0]))
 
 
-def _place(words: Sequence[str], plane: Plane) -> Tuple[float, float, float]:
+def _place(words: Sequence[str], plane: PlaneCoordinates) -> Tuple[float, float, float]:
     x, y, z = (
         math.nan if word in _NAN else _number(word, what) for word, what in zip(words, "xyz")
     )
@@ -206,7 +206,7 @@ def _name(word: str) -> str:
 
 
 def points_and_picks(
-    listed: GcpList, known: Mapping[str, ControlPoint], plane: Optional[Plane]
+    listed: GcpList, known: Mapping[str, ControlPoint], plane: Optional[PlaneCoordinates]
 ) -> Tuple[Mapping[str, ControlPoint], Sequence[Pick], Sequence[Notice]]:
     """Return the points of a list that are not known yet, and where points were seen.
 
@@ -246,7 +246,7 @@ def points_and_picks(
 
 
 def _names(
-    listed: GcpList, known: Mapping[str, ControlPoint], plane: Optional[Plane]
+    listed: GcpList, known: Mapping[str, ControlPoint], plane: Optional[PlaneCoordinates]
 ) -> Tuple[Mapping[_Coordinates, str], Dict[str, GcpRow]]:
     """Return the point's name for coordinates, and the first row of each name."""
     first: Dict[str, GcpRow] = {}
@@ -289,7 +289,7 @@ def _nearest_names(
     listed: GcpList,
     rows: Sequence[GcpRow],
     known: Mapping[str, ControlPoint],
-    plane: Optional[Plane],
+    plane: Optional[PlaneCoordinates],
 ) -> Iterator[Optional[str]]:
     """Yield for each row the only known point within half a metre; else None."""
     placed = [point for point in known.values() if point.x is not None]

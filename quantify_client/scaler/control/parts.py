@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple, TypeVar
 
-from ...crs import Plane
+from ...crs import PlaneCoordinates
 from ...errors import ControlError
 from ...types.notice import Notice
 from .entries import Entry, clean_name, near_miss, position_problem
@@ -87,7 +87,7 @@ class ControlFile:
 
 
 def read_points(
-    node: SyntaxNode, file: ControlFile, plane: Optional[Plane]
+    node: SyntaxNode, file: ControlFile, plane: Optional[PlaneCoordinates]
 ) -> Mapping[str, ControlPoint]:
     """Return the points on the ground by name, in the file's order.
 
@@ -129,7 +129,9 @@ def read_cloud(node: SyntaxNode, file: ControlFile) -> Mapping[str, CloudPositio
     return _named(node, "cloud", file, CLOUD_KEYS, place)
 
 
-def _position(entry: Entry, plane: Optional[Plane]) -> Tuple[Optional[float], Optional[float]]:
+def _position(
+    entry: Entry, plane: Optional[PlaneCoordinates]
+) -> Tuple[Optional[float], Optional[float]]:
     """Return x and y; (None, None) when there is no position."""
     angles = entry.has("lat") or entry.has("lon")
     grid = entry.has("easting") or entry.has("northing")
@@ -152,7 +154,9 @@ def _position(entry: Entry, plane: Optional[Plane]) -> Tuple[Optional[float], Op
     x, y = (entry.number(key) for key in keys)
     if x is None or y is None:
         raise entry.error(f"{keys[x is not None]} is missing; a position needs both")
-    wrong = position_problem(x, y, plane if plane is not None else Plane("EPSG:4326", None))
+    wrong = position_problem(
+        x, y, plane if plane is not None else PlaneCoordinates("EPSG:4326", None)
+    )
     if wrong:
         raise entry.error(wrong)
     return x, y

@@ -9,7 +9,7 @@ from typing import List, Mapping, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
-from ...crs import Plane, plane_of
+from ...crs import PlaneCoordinates, plane_of
 from ...crs.frame import UNITS_M
 from ...errors import ControlError, CrsError
 from ...types.notice import Notice
@@ -23,7 +23,7 @@ from .tables import is_point_table
 
 __all__ = ["read_control", "require_self_contained"]
 
-_WGS84 = Plane("EPSG:4326", None)
+_WGS84 = PlaneCoordinates("EPSG:4326", None)
 _ENDINGS = {".yaml": "yaml", ".yml": "yaml", ".json": "json", ".csv": "table"}
 _CRS_LINE = re.compile(r"(EPSG:\d+|WGS\s*84\s+UTM|\+proj=|\+init=)", re.IGNORECASE)
 
@@ -150,7 +150,7 @@ def _unit(top: Entry) -> Optional[str]:
     raise top.error(f"unit is {node.described}: {hint}; it may be m, ft or us-ft")
 
 
-def _plane(top: Entry) -> Optional[Plane]:
+def _plane(top: Entry) -> Optional[PlaneCoordinates]:
     if not top.has("crs"):
         return None
     node = top.fields["crs"]
@@ -166,8 +166,8 @@ def _with_images(
     node: SyntaxNode,
     file: ControlFile,
     points: Mapping[str, ControlPoint],
-    plane: Optional[Plane],
-) -> Tuple[Mapping[str, ControlPoint], Sequence[Pick], Optional[Plane]]:
+    plane: Optional[PlaneCoordinates],
+) -> Tuple[Mapping[str, ControlPoint], Sequence[Pick], Optional[PlaneCoordinates]]:
     """Add what was seen in photographs; points of the control file keep what it says of them."""
     if node.empty:
         return points, (), plane
@@ -184,7 +184,7 @@ def _with_images(
 
 
 def _checked_crs(
-    points: Mapping[str, ControlPoint], plane: Optional[Plane], label: str
+    points: Mapping[str, ControlPoint], plane: Optional[PlaneCoordinates], label: str
 ) -> Optional[str]:
     """Return the CRS of positions that exist on the Earth; None when there are no positions."""
     positions = [(point.x, point.y) for point in points.values() if point.x is not None]
