@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, List
 if TYPE_CHECKING:
     from .errors import QuantifyError
     from .options import Options
-    from .pipeline.control.account import convert_control
+    from .pipeline.control.control_alone import convert_control
     from .pipeline.control.scale import scale
     from .pipeline.run import describe, measure
     from .report import to_json, write_report

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any, Dict, Mapping, NoReturn, Optional, Sequence, Tuple
 
 from .commands.arguments import COMMANDS, Argument
+from .commands.messages import complain
 from .commands.process import lost_output
-from .commands.shown import complain
 from .errors import QuantifyError, UsageError
 
 __all__ = ["main", "parse", "parser"]

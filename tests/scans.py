@@ -13,7 +13,7 @@ from solids import Body, draw_until
 from quantify_client.types import AreaResult
 from quantify_client.volcalc.body.measure import measure_body
 from quantify_client.volcalc.body.voxels import VoxelAccumulator
-from quantify_client.volcalc.slices import BodyRecipe
+from quantify_client.volcalc.body_slices import BodyRecipe
 
 OFFSET = np.array([500_000.0, 4_500_000.0, 100.0])
 """Where the scans are."""

@@ -21,7 +21,7 @@ from terrains import EAST
 from quantify_client.__main__ import main as start
 from quantify_client.cli import parse
 from quantify_client.commands.arguments import COMMANDS, PRESETS
-from quantify_client.commands.shown import complain
+from quantify_client.commands.messages import complain
 from quantify_client.version import package_version
 
 # --- wrong usage

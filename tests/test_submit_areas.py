@@ -15,7 +15,7 @@ from nodeodm import TOKEN
 from photographs import photograph
 from sfm.odm_photos import SITE
 
-from quantify_client.pipeline.sites import compare_areas
+from quantify_client.pipeline.same_site import compare_areas
 
 pytestmark = pytest.mark.one_python
 

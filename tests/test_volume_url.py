@@ -20,7 +20,8 @@ from quantify_client import describe, measure, scale
 from quantify_client.cloud.ept import index as ept_index
 from quantify_client.errors import CloudError, OutputError, QuantifyError, ServerError, UsageError
 from quantify_client.report import to_json
-from quantify_client.sfm.servers import limits, patience, webodm_cloud
+from quantify_client.sfm.servers import limits, webodm_cloud
+from quantify_client.sfm.servers import outages as patience
 from quantify_client.sfm.servers.access import Access
 
 # Servers, sizes and words: no different on a second Python.

@@ -7,7 +7,7 @@ import base64
 import binascii
 
 from ..quantify_client.types import Measurement
-from ..quantify_client.types.records import checked_document as checked_of
+from ..quantify_client.types.json_records import checked_document as checked_of
 from ..quantify_client.types.shapes import (
     Flag,
     Listed,

@@ -189,7 +189,7 @@ class Export(VolumeView):
         if kind not in _TYPES or units not in ("metric", "us"):
             raise MisshapenError("give format=csv, geojson or html, and units=metric or us")
         names = records.names(plugin_here(), task)
-        pages = importlib.import_module(f"{PACKAGE}.quantify_client.report.document.saved")
+        pages = importlib.import_module(f"{PACKAGE}.quantify_client.report.document.saved_export")
         with _reading():
             document = _shown(request, _read(task, saved), names)
             text = pages.exported(document, kind, units)

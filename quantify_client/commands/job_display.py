@@ -22,7 +22,7 @@ from rich.text import Text
 
 from ..jobs import JobEvent
 from ..report.wording.words import printable
-from .shown import say
+from .messages import say
 
 __all__ = ["shown_job"]
 

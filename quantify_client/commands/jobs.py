@@ -17,12 +17,12 @@ from ..pipeline.run import measure
 from ..report import require_writable
 from ..report.wording.words import printable
 from ..types import SCHEMA
-from .access import access_of, node_token
+from .credentials import access_of, node_token
 from .job_display import shown_job
-from .kept import FILES, REPORT, finished, kept_options, kept_units, require_own_files
+from .job_options import FILES, REPORT, finished, kept_options, kept_units, require_own_files
 from .measuring import deliver
-from .planned import check, show_checked
-from .shown import complain, say, stages
+from .messages import complain, say, stages
+from .submit_checks import check, show_checked
 
 __all__ = ["resume", "submit"]
 

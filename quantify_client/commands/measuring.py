@@ -13,8 +13,8 @@ from ..pipeline.run import describe, measure
 from ..report import require_writable, to_json, write_report
 from ..report.wording.words import coordinate_rows, printable
 from ..types import AreaFailure, Measurement, plain, warnings_json
-from .access import access_of
-from .shown import complain, stages
+from .credentials import access_of
+from .messages import complain, stages
 
 __all__ = ["deliver", "demo", "info", "inputs_of", "options_of", "volume"]
 

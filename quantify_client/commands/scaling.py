@@ -12,7 +12,7 @@ from rich.console import Console
 from ..errors import UsageError
 from ..files.reading import real_path
 from ..files.writing import require_replaceable
-from ..pipeline.control.account import convert_control
+from ..pipeline.control.control_alone import convert_control
 from ..pipeline.control.scale import scale
 from ..report import (
     control_document,
@@ -23,9 +23,9 @@ from ..report import (
 )
 from ..report.wording.words import printable
 from ..types import Scaled, Scaling
-from .access import access_of
+from .credentials import access_of
 from .measuring import options_of
-from .shown import complain, stages
+from .messages import complain, stages
 
 __all__ = ["gcp", "scale_cloud"]
 

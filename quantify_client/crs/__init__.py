@@ -10,6 +10,7 @@ what two CRSs differ, :mod:`.plausible` whether a cloud can be where its CRS put
 
 from __future__ import annotations
 
+from .choose_frame import measuring_frame
 from .frame import UNITS_M, Frame, apply_matrix, placed_frame
 from .ground import (
     cloud_geometry_to_frame,
@@ -19,7 +20,6 @@ from .ground import (
     transfer_accuracy_m,
 )
 from .local import LocalFrame, local_frame, utm_grid
-from .measuring import measuring_frame
 from .plausible import location_warnings
 from .positions import PlaneCoordinates, odm_header, plane_of, positions_to
 from .projection import is_geographic, label

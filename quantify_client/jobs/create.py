@@ -14,7 +14,7 @@ from ..files.reading import real_path
 from ..sfm.odm.layout import MINIMAL_OUTPUTS
 from ..sfm.photos.check import PhotoSummary, check_photos
 from ..sfm.servers.access import Access, split_token
-from ..sfm.servers.patience import Patience
+from ..sfm.servers.outages import Patience
 from ..sfm.servers.presets import choose_options
 from .job import (
     ARCHIVE,

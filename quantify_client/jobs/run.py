@@ -13,7 +13,7 @@ from ..errors import JobError, ServerError
 from ..sfm.servers.access import Access
 from ..sfm.servers.errors import RefusedError, TaskLostError
 from ..sfm.servers.nodeodm import TaskStatus
-from ..sfm.servers.patience import Patience
+from ..sfm.servers.outages import Patience
 from .job import (
     ARCHIVE,
     CANCELLED,

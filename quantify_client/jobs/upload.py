@@ -19,7 +19,7 @@ from typing import Deque, Dict, Iterable, List
 
 from ..errors import JobError, OutputError, QuantifyError, ServerError
 from ..sfm.servers.errors import OutageError, RefusedError, TaskLostError
-from ..sfm.servers.patience import Patience, in_parallel
+from ..sfm.servers.outages import Patience, in_parallel
 from .job import SEED, Job, JobEvent, Report, SentFile, TaskServer
 from .journal import SentLog
 from .trust import Trust

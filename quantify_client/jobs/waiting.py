@@ -10,7 +10,7 @@ from typing import List, Optional
 from ..errors import JobError, ServerError
 from ..sfm.servers.errors import ArchiveError, RefusedError, StoppedError, TaskLostError
 from ..sfm.servers.nodeodm import TaskState, TaskStatus
-from ..sfm.servers.patience import Patience
+from ..sfm.servers.outages import Patience
 from .job import ARCHIVE, Job, JobEvent, Report, TaskServer
 
 __all__ = ["AGAIN", "MiscountedError", "fetch", "wait_for"]

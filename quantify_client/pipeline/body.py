@@ -14,10 +14,11 @@ from ..source import Source
 from ..types import AreaResult, Bounds, Faces, FloatArray, Floor, Measurement, Notice, Options
 from ..volcalc.body.measure import floor_of, measure_body
 from ..volcalc.body.voxels import Thinned, VoxelAccumulator
+from ..volcalc.body_slices import BodyRecipe
 from ..volcalc.mesh.measure import measure_mesh
 from ..volcalc.paper import measure_polar
-from ..volcalc.slices import BodyRecipe
 from .accounting import FAR
+from .areas import cloud_window
 from .common import (
     bounds_in_frame,
     finish,
@@ -28,7 +29,6 @@ from .common import (
     placed_level,
     window_of,
 )
-from .drawn import cloud_window
 from .streaming import Progress, gather, stream, thread_count
 
 __all__ = ["ByFaces", "find_floor", "measure_faces", "measure_whole_body"]

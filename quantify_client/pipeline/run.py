@@ -104,8 +104,8 @@ def _measured(source: Source, options: Options, report: Progress) -> Measurement
     frame = measuring_frame(info.crs, options.source_unit, info.bounds)
     if options.gcp is None:
         return _measured_in(frame, source, options, report)
-    from .control.budget import with_scale
     from .control.place import place_cloud
+    from .control.scale_error import with_scale
 
     placement = place_cloud(source, frame, options)
     again = partial(_measured_in, source=source, options=options, report=report)

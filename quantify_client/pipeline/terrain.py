@@ -30,6 +30,7 @@ from ..volcalc.terrain.accumulate import AreaPoints, TerrainAccumulator
 from ..volcalc.terrain.grid_offsets import measure_area
 from ..volcalc.terrain.measure import TerrainRecipe
 from ..volcalc.terrain.outline import CloudOutline, cloud_outline, core_window, height_quantiles
+from .areas import cloud_window, drawn_areas
 from .common import (
     Result,
     bounds_in_frame,
@@ -40,7 +41,6 @@ from .common import (
     placed_level,
     window_of,
 )
-from .drawn import cloud_window, drawn_areas
 from .streaming import Progress, accumulate, thread_count
 
 __all__ = ["measure_areas"]

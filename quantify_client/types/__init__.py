@@ -18,8 +18,8 @@ from .cloud import (
     IntArray,
     Window,
 )
+from .json_records import SCHEMA, document
 from .notice import Notice
-from .records import SCHEMA, document
 from .results import (
     INTERVAL95,
     AreaFailure,

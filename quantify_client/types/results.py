@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from .cloud import FloatArray
+from .json_records import LEFT_OUT, Key, Length, Only
 from .notebook import Notebook
-from .records import LEFT_OUT, Key, Length, Only
 from .scaling import Crs, Line, Name, Positive, Scaling, Warnings
 from .shapes import Anything, Listed, Mapped, Number, Record, Text, Whole, plain
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, Any, Dict, Mapping, Optional, Sequence, Tuple
 
-from .records import Key, Length, Spread
+from .json_records import Key, Length, Spread
 from .shapes import Listed, Maybe, Notices, Number, Text
 
 __all__ = [

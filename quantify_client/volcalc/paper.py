@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from ..errors import InputError
 from ..types import AreaResult, FloatArray, IntArray, Notice, Slice
-from .slices import TERRAIN_ONLY, BodyRecipe, slab_edges, slab_index
+from .body_slices import TERRAIN_ONLY, BodyRecipe, slab_edges, slab_index
 
 __all__ = [
     "PolarVolume",

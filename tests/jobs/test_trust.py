@@ -15,7 +15,7 @@ from pace import PACE
 from photographs import all_zip, photograph, photographs
 from webodm import PASSWORD, USER, WebODM
 
-from quantify_client.commands.kept import kept_options
+from quantify_client.commands.job_options import kept_options
 from quantify_client.errors import JobError, ServerError
 from quantify_client.jobs import Confirmed, cancel_job, create_job, plan_job, run_job
 from quantify_client.jobs.journal import load

@@ -13,7 +13,7 @@ import pytest
 from visitors import ROUND
 
 from quantify_client import measure, to_json
-from quantify_client.report.document.saved import exported
+from quantify_client.report.document.saved_export import exported
 from quantify_client.webmap.layers import map_layers
 
 PLUGIN = Path(__file__).parents[2] / "plugin"

@@ -230,7 +230,7 @@ def test_measuring_and_its_layers_need_no_drawing_terminal_or_server_packages(un
 
 def test_exports_need_nothing_that_webodm_has_not(unpacked):
     (unpacked / "plugins" / "volcalc" / "__init__.py").write_text("")
-    code = "import plugins.volcalc.quantify_client.report.document.saved\n"
+    code = "import plugins.volcalc.quantify_client.report.document.saved_export\n"
     absent = ("shapely", "laspy", "pyproj", "yaml", "scipy", "matplotlib", "rich", "PIL")
     run(code, absent, unpacked)
 

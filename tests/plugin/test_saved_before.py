@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 from visitors import API
 
-from quantify_client.report.document.saved import exported, saved_measurement
+from quantify_client.report.document.saved_export import exported, saved_measurement
 
 HERE = Path(__file__).parent
 PLUGIN = HERE.parents[1] / "plugin"

@@ -13,7 +13,7 @@ from quantify_client.crs import geometry_to_wgs84
 from quantify_client.errors import InputError
 from quantify_client.report.document.geojson import to_geojson
 from quantify_client.report.document.measurement import scale_json
-from quantify_client.report.document.saved import exported, file_name, saved_measurement
+from quantify_client.report.document.saved_export import exported, file_name, saved_measurement
 from quantify_client.report.document.slices_csv import write_slices
 from quantify_client.webmap.clicked import bars_control
 from quantify_client.webmap.layers import map_layers

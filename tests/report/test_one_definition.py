@@ -18,7 +18,7 @@ from quantify_client import to_json
 from quantify_client.report.document.measurement import flat_properties
 from quantify_client.report.document.schemas import document_schema, schemas
 from quantify_client.types import AreaResult, Measurement, Notice, Scaling
-from quantify_client.types.records import Key, checked_document, record_of
+from quantify_client.types.json_records import Key, checked_document, record_of
 from quantify_client.types.shapes import Flag, Maybe, Number, Record, Text
 
 from . import scalings, surveys
@@ -212,11 +212,11 @@ def test_two_copies_of_the_library_know_their_own_marks() -> None:
     """As in a WebODM that has it installed beside the plugin's: typing shares equal annotations."""
     code = """
 import importlib, sys, types
-import quantify_client.types.records as first
+import quantify_client.types.json_records as first
 package = types.ModuleType("copy_of")
 package.__path__ = [sys.argv[1]]
 sys.modules["copy_of"] = package
-second = importlib.import_module("copy_of.quantify_client.types.records")
+second = importlib.import_module("copy_of.quantify_client.types.json_records")
 found = [importlib.import_module(m.__name__.replace("records", "scaling")) for m in (first, second)]
 print(*(m.record_of(s.ScaleObservation).formerly for m, s in zip((first, second), found)))
 """

@@ -19,9 +19,9 @@ from meshes import (
 from scipy.spatial.transform import Rotation
 
 from quantify_client.types import AreaResult, Faces
+from quantify_client.volcalc.body_slices import BodyRecipe
 from quantify_client.volcalc.mesh import measure as mesh_module
 from quantify_client.volcalc.mesh.measure import measure_mesh
-from quantify_client.volcalc.slices import BodyRecipe
 
 TURN = Rotation.from_euler("xyz", [20, 30, 40], degrees=True).as_matrix()
 

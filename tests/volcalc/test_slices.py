@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quantify_client.errors import InputError
-from quantify_client.volcalc.slices import MAX_SLABS, slab_edges, slab_index
+from quantify_client.volcalc.body_slices import MAX_SLABS, slab_edges, slab_index
 
 
 def test_a_point_on_an_edge_belongs_to_the_slab_above_and_the_highest_to_the_last():

@@ -13,7 +13,7 @@ from quantify_client.errors import InputError
 from quantify_client.types import Notice
 from quantify_client.volcalc.body.measure import measure_body
 from quantify_client.volcalc.body.voxels import Thinned
-from quantify_client.volcalc.slices import BodyRecipe
+from quantify_client.volcalc.body_slices import BodyRecipe
 
 # Bodies as a command measures them run on every Python in test_body_command.py.
 pytestmark = pytest.mark.one_python

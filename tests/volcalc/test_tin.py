@@ -7,12 +7,7 @@ import pytest
 import shapely
 from shapely.geometry import Point, Polygon, box
 
-from quantify_client.volcalc.terrain.accumulate import (
-    MAX_POINTS,
-    PointSample,
-    first_of,
-    priority,
-)
+from quantify_client.volcalc.terrain.accumulate import MAX_POINTS, PointSample, first_of, priority
 from quantify_client.volcalc.terrain.grid import cell_fractions, polygons_of
 from quantify_client.volcalc.terrain.rim import sample_rim
 from quantify_client.volcalc.terrain.tin import tin_integral

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from laspy import PointFormat
 
-from .schema import Extra, Rows, Schema, extra_of_type, unique_name
+from .record_layout import Extra, Rows, Schema, extra_of_type, unique_name
 
 Values = Sequence[npt.NDArray[Any]]
 """One array of (N,) for each column."""

@@ -23,7 +23,7 @@ from ...types import Bounds, Notice
 from ..base import naming
 from ..las.header import AGAIN, EXTENDED_HEAD, RECORD_HEAD, Record
 from .coordinates import Quantization
-from .schema import EXTENDED, Rows, Schema
+from .record_layout import EXTENDED, Rows, Schema
 from .sources import PointSource
 
 _BLOCK = 1 << 20

@@ -28,7 +28,7 @@ from ..tiles import require_distinct
 from .columns import names_of_normals
 from .coordinates import Move, fitted, wanted_step
 from .las_file import LasFile, choose_records, explaining, make_header
-from .schema import Places, Rows, Schema, merge, to_schema
+from .record_layout import Places, Rows, Schema, merge, to_schema
 from .sources import Block, PointSource, open_sources
 
 WRITTEN = (".laz", ".las")

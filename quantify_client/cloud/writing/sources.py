@@ -29,7 +29,7 @@ from ..las.points import MAX_BUFFER, record_reader
 from ..ply.cloud import VertexTable
 from ..ply.header import AGAIN as COMPLETE_PLY
 from .columns import Arrangement, Column, Values, arrange, arrange_fitting, misfits, named_fields
-from .schema import Rows, Schema, schema_of
+from .record_layout import Rows, Schema, schema_of
 
 _ROWS = 200_000  # looked at together when columns are arranged
 

@@ -24,8 +24,8 @@ from ...report.document.geojson import outlines_document
 from ...sfm.servers.access import Access
 from ...source import Source, open_source
 from ...types import AreaFailure, Bounds, FloatArray, Notice, Scaled
+from ..areas import drawn_areas
 from ..common import cloud_warnings, provenance
-from ..drawn import drawn_areas
 from ..streaming import Progress
 from .place import Placement, place_cloud
 

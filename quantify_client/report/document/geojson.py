@@ -95,9 +95,7 @@ def _written(geometry: Any, decimals: int) -> Dict[str, Any]:
 
 
 def _to_wgs84(geometry: Any, frame: Frame) -> Any:
-    from ...crs import (
-        geometry_to_wgs84,  # late: it loads PROJ, which a cloud without CRS never needs
-    )
+    from ...crs import geometry_to_wgs84
 
     return geometry_to_wgs84(geometry, frame)
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Dict, Mapping, Optional, Sequence, Union
 
 from ...types import AreaFailure, AreaResult, Measurement, Scaled, Scaling, document
-from ...types.records import record_of
+from ...types.json_records import record_of
 
 __all__ = ["flat_properties", "scale_document", "scale_json", "to_json"]
 

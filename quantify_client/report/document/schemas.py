@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Dict
 
 from ...types import SCHEMA, Measurement, Scaled
-from ...types.records import DataRecord, Spread, record_of
+from ...types.json_records import DataRecord, Spread, record_of
 from ...types.shapes import (
     Either,
     Flag,

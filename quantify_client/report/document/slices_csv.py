@@ -6,7 +6,7 @@ import csv
 from typing import TextIO
 
 from ...types import AreaResult, Measurement, Slice
-from ...types.records import record_of
+from ...types.json_records import record_of
 from ..wording.words import encodable
 
 __all__ = ["COLUMNS", "harmless_cell", "write_slices"]

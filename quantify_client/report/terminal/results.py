@@ -11,15 +11,7 @@ from rich.text import Text
 
 from ...types import AreaFailure, AreaResult, Measurement
 from ..wording.notices import in_units, lines_of_kinds, warnings_of_results
-from ..wording.units import (
-    MINUS,
-    NOTHING,
-    THIN_SPACE,
-    Units,
-    count,
-    display_units,
-    plus_minus,
-)
+from ..wording.units import MINUS, NOTHING, THIN_SPACE, Units, count, display_units, plus_minus
 from ..wording.words import (
     base_words,
     coordinate_line,

@@ -17,7 +17,7 @@ from .entries import Entry, near_miss
 from .gcp_list import parse_gcp_list, points_and_picks, read_gcp_list, to_crs
 from .keys import CONTROL_KEYS, MAX_POINTS, UNIT_WORDS, UNITS, Keys
 from .model import Control, ControlPoint, Length, Pick
-from .parts import ControlFile, read_cloud, read_lengths, read_points
+from .points_and_lengths import ControlFile, read_cloud, read_lengths, read_points
 from .syntax import SyntaxNode, quoted, read_json, read_text, read_yaml
 from .tables import is_point_table
 

@@ -36,7 +36,7 @@ from ..odm.layout import (
 from ..redaction import plain
 from .access import PASSWORD, USER, Access
 from .errors import StatusError, StoppedError
-from .patience import Patience, in_parallel
+from .outages import Patience, in_parallel
 from .webodm import TaskAddress, WebODM, task_address
 
 __all__ = ["task_cloud"]

@@ -12,13 +12,7 @@ import numpy.typing as npt
 
 from ...errors import InputError
 from ...types import AreaResult, BudgetItem, Check, FloatArray, Floor, Gap, Slice, Solid
-from ..slices import (
-    CONVERGENCE,
-    TERRAIN_ONLY,
-    BodyRecipe,
-    slab_edges,
-    slices_of,
-)
+from ..body_slices import CONVERGENCE, TERRAIN_ONLY, BodyRecipe, slab_edges, slices_of
 from .enclose import Enclosed, Open, enclose
 from .estimate import RESAMPLED, Estimate, closing_std, estimate, hidden_volume, is_same_body
 from .floor import Standing, on_lowest_points, stand

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Callable, Iterator, Sequence
 
 from ...types import Gap, Notice
-from ..slices import BodyRecipe
+from ..body_slices import BodyRecipe
 from .enclose import Enclosed
 from .floor import Standing
 from .voxels import Thinned

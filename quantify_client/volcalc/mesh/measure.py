@@ -14,7 +14,7 @@ import numpy as np
 from ...types import AreaResult, BudgetItem, Check, Faces, FloatArray, IntArray, Notice, Solid
 from ..body.sections import BodySurface
 from ..body.tetrahedra import face_normals
-from ..slices import CONVERGENCE, TERRAIN_ONLY, BodyRecipe, slab_edges, slices_of
+from ..body_slices import CONVERGENCE, TERRAIN_ONLY, BodyRecipe, slab_edges, slices_of
 from .closed import MOST_FACES, NotClosedError, closed
 
 __all__ = ["measure_mesh"]

@@ -14,7 +14,7 @@ from typing import Any, Dict, Mapping
 
 from ...errors import InputError
 from ...types import Measurement, plain
-from ...types.records import record_of
+from ...types.json_records import record_of
 from ..page.page import render_html
 from ..wording.units import display_units
 from ..wording.words import slug

@@ -17,16 +17,16 @@ from ..jobs import JobPlan, plan_job
 from ..jobs.create import require_free
 from ..jobs.job import GCP_NAME
 from ..options import choose_shape, read_options
-from ..pipeline.control.account import ControlPlan, plan_control
-from ..pipeline.sites import AreaPlan, compare_areas, require_control_near
+from ..pipeline.control.control_alone import ControlPlan, plan_control
+from ..pipeline.same_site import AreaPlan, compare_areas, require_control_near
 from ..report import require_writable
 from ..report.wording.words import printable
 from ..sfm.photos.check import PhotoSummary, check_photos
 from ..types import SCHEMA, Notice, warnings_json
-from .access import access_of, node_token
-from .kept import FILES, REPORT
+from .credentials import access_of, node_token
+from .job_options import FILES, REPORT
 from .measuring import inputs_of, options_of
-from .shown import complain, say
+from .messages import complain, say
 
 __all__ = ["Checked", "check", "show_checked"]
 
