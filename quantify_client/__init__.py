@@ -26,7 +26,7 @@ _MODULES = {
     "Options": "options",
     "QuantifyError": "errors",
     "Scaled": "types",
-    "convert_control": "pipeline.control.account",
+    "convert_control": "pipeline.control.control_alone",
     "describe": "pipeline.run",
     "measure": "pipeline.run",
     "scale": "pipeline.control.scale",

@@ -6,8 +6,8 @@ from rest_framework.exceptions import NotFound
 from ..files.folders import ENDED, all_jobs
 from ..files.inputs import checked_control, checked_name
 from .base import VolumeView, jobs_root, refused
-from .checks import checked_options
 from .listing import job_row, own_rows
+from .requested_options import checked_options
 from .starting import area_of, start
 
 __all__ = ["Drop", "JobResult", "Jobs", "OneJob", "StartAgain", "own_jobs"]

@@ -5,11 +5,11 @@ The views on jobs are in `job_views`, those on saved measurements in `saved_view
 
 import os
 
-from ..files.entries import Budget, TooLargeError, UnreadError, entry_of
 from ..files.inputs import LIMITS
+from ..files.list_rows import Budget, TooLargeError, UnreadError, entry_of
 from ..files.store import UnreadableError, saved_paths
 from ..files.untrusted_json import MisshapenError
-from . import records
+from . import database
 from .base import VolumeView, may_change, may_view_project, plugin_here
 from .job_views import own_jobs
 from .starting import crop_of, has_crs, reason_not, sources_of
@@ -49,7 +49,7 @@ class Overview(VolumeView):
                 "extent": None if extent is None else [float(value) for value in extent],
                 "points": _points_of(task),
                 "has_cameras": os.path.isfile(task.assets_path("odm_report", "shots.geojson")),
-                "lost": records.were_lost(plugin, task, present),
+                "lost": database.were_lost(plugin, task, present),
                 "jobs": own_jobs(request, task),
                 "limits": LIMITS,
                 "version": plugin.get_manifest()["version"],

@@ -8,9 +8,9 @@ from django.http import HttpResponse
 from rest_framework import exceptions
 from rest_framework.renderers import JSONRenderer
 
-from ..files.documents import checked_document, read_document, write_document
-from ..files.entries import Budget, TooLargeError, UnreadError, entry_of
 from ..files.inputs import checked_control, checked_name
+from ..files.list_rows import Budget, TooLargeError, UnreadError, entry_of
+from ..files.saved import checked_document, read_document, write_document
 from ..files.store import (
     UnreadableError,
     is_id,
@@ -21,9 +21,9 @@ from ..files.store import (
     why_full,
 )
 from ..files.untrusted_json import MisshapenError
-from . import records
+from . import database
 from .base import PACKAGE, VolumeView, jobs_root, plugin_here, refused
-from .checks import checked_options
+from .requested_options import checked_options
 from .starting import start
 
 __all__ = ["Again", "Export", "Measurements", "OneMeasurement"]
@@ -92,7 +92,7 @@ class Measurements(VolumeView):
         """List them, the oldest first; one that cannot be read is listed as such."""
         task = self.task(request, pk)
         logged_in = request.user.is_authenticated
-        names = records.names(plugin_here(), task) if logged_in else {}
+        names = database.names(plugin_here(), task) if logged_in else {}
         budget = Budget()
         return self.answer(
             [
@@ -135,7 +135,7 @@ class Measurements(VolumeView):
             if full is not None:
                 raise refused(409, full)
             write_document(path, document)
-            records.remember(plugin, task, document["id"], user)
+            database.remember(plugin, task, document["id"], user)
         return self.answer({**document, "user": user}, 201)
 
 
@@ -145,7 +145,7 @@ class OneMeasurement(VolumeView):
     def get(self, request, pk=None, saved=None):
         """Return the document; its text is made while no more than one other is."""
         task = self.task(request, pk)
-        names = records.names(plugin_here(), task)
+        names = database.names(plugin_here(), task)
         with _reading():
             data = JSONRenderer().render(_shown(request, _read(task, saved), names))
         return HttpResponse(data, content_type="application/json")
@@ -161,7 +161,7 @@ class OneMeasurement(VolumeView):
             if not path.exists():
                 raise exceptions.NotFound("there is no such measurement")
             write_document(path, document)
-        return self.answer(_shown(request, document, records.names(plugin_here(), task)))
+        return self.answer(_shown(request, document, database.names(plugin_here(), task)))
 
     def delete(self, request, pk=None, saved=None):
         """Remove it; also one that cannot be read."""
@@ -174,7 +174,7 @@ class OneMeasurement(VolumeView):
                 path.unlink()
             except FileNotFoundError:
                 raise exceptions.NotFound("there is no such measurement") from None
-            records.forget(plugin, task, saved)
+            database.forget(plugin, task, saved)
         return HttpResponse(status=204)
 
 
@@ -188,7 +188,7 @@ class Export(VolumeView):
         units = request.GET.get("units", "metric")
         if kind not in _TYPES or units not in ("metric", "us"):
             raise MisshapenError("give format=csv, geojson or html, and units=metric or us")
-        names = records.names(plugin_here(), task)
+        names = database.names(plugin_here(), task)
         pages = importlib.import_module(f"{PACKAGE}.quantify_client.report.document.saved_export")
         with _reading():
             document = _shown(request, _read(task, saved), names)

@@ -8,7 +8,7 @@ from ..files.folders import new_job
 from ..files.inputs import LIMITS, checked_area
 from ..files.store import UnreadableError, one_at_a_time, read_capped, read_head
 from ..files.untrusted_json import MisshapenError, read_json
-from ..worker.job import run_job
+from ..worker.entry import run_job
 from .base import COMPLETED, PACKAGE, jobs_root, refused
 from .broker import BrokerError, enqueue
 from .listing import message_of, settle, slots_taken

@@ -22,7 +22,7 @@ def checks():
     package = types.ModuleType("volcalc_crs")
     package.__path__ = [str(PLUGIN), str(PLUGIN.parent)]
     sys.modules["volcalc_crs"] = package
-    yield importlib.import_module("volcalc_crs.web.checks")
+    yield importlib.import_module("volcalc_crs.web.requested_options")
     for name in [name for name in sys.modules if name.startswith("volcalc_crs")]:
         del sys.modules[name]
 

@@ -29,7 +29,7 @@ def documents():
     package = types.ModuleType("volcalc_alone")
     package.__path__ = [str(PLUGIN), str(PLUGIN.parent)]
     sys.modules["volcalc_alone"] = package
-    yield importlib.import_module("volcalc_alone.files.documents")
+    yield importlib.import_module("volcalc_alone.files.saved")
     for name in [name for name in sys.modules if name.startswith("volcalc_alone")]:
         del sys.modules[name]
 
@@ -37,7 +37,7 @@ def documents():
 @pytest.fixture(scope="module")
 def entries(documents):
     """The plugin's module of what lists tell."""
-    return importlib.import_module("volcalc_alone.files.entries")
+    return importlib.import_module("volcalc_alone.files.list_rows")
 
 
 CONTROL = """

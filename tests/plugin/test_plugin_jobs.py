@@ -273,7 +273,7 @@ def test_result_that_is_too_large_to_keep_says_so(host, monkeypatch):
     monkeypatch.setitem(sys.modules, "volcalc_work", package)
     for name in [name for name in sys.modules if name.startswith("volcalc_work.")]:
         monkeypatch.delitem(sys.modules, name)
-    work = importlib.import_module("volcalc_work.worker.work")
+    work = importlib.import_module("volcalc_work.worker.measuring")
     row = {"slices": [{"z_m": 0.123456789}] * 100}
     document = {"layers": [{"name": "a"}] * 2, "measurement": {"results": [row], "warnings": []}}
     size = len(json.dumps(document)) + 300

@@ -187,7 +187,7 @@ def work(monkeypatch):
     package = types.ModuleType("volcalc_full")
     package.__path__ = [str(PLUGIN), str(PLUGIN.parent)]
     monkeypatch.setitem(sys.modules, "volcalc_full", package)
-    yield importlib.import_module("volcalc_full.worker.work")
+    yield importlib.import_module("volcalc_full.worker.measuring")
     for name in [name for name in sys.modules if name.startswith("volcalc_full.")]:
         del sys.modules[name]
 

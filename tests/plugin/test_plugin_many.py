@@ -21,7 +21,7 @@ package = types.ModuleType("volcalc_alone")
 package.__path__ = [sys.argv[1], sys.argv[1] + "/.."]
 sys.modules["volcalc_alone"] = package
 store = importlib.import_module("volcalc_alone.files.store")
-entries = importlib.import_module("volcalc_alone.files.entries")
+entries = importlib.import_module("volcalc_alone.files.list_rows")
 task = types.SimpleNamespace(assets_path=lambda *parts: "/".join([sys.argv[2], *parts]))
 peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 began, budget, rows = time.process_time(), entries.Budget(), []

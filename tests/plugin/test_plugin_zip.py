@@ -92,7 +92,7 @@ def test_zip_has_one_folder_with_what_webodm_needs_and_no_sources_of_the_panel(a
         "plugin.py",
         "manifest.json",
         "requirements.txt",
-        "worker/job.py",
+        "worker/entry.py",
     }
     assert inner >= {"quantify_client/pipeline/run.py", "quantify_client/report/page/report.css"}
     bad = re.compile(r"(^|/)(panel|node_modules|__pycache__|demo|tests|\.[^/]*)(/|$)|\.laz$")
@@ -174,10 +174,10 @@ def test_nothing_but_webodms_own_is_imported_when_the_plugin_loads():
             elif isinstance(node, ast.ImportFrom):
                 roots = {node.module.partition(".")[0]}
             assert roots <= WEBODM | STANDARD, package
-    assert seen >= {("plugin", "web", "starting"), ("plugin", "worker", "job")}
+    assert seen >= {("plugin", "web", "starting"), (("plugin", "worker", "entry"))}
     library = {package[1] for package in seen if package[0] == "quantify_client" and package[1:]}
     assert library <= {"types", "errors", "options"}
-    assert ("plugin", "worker", "work") not in seen
+    assert (("plugin", "worker", "measuring")) not in seen
 
 
 STANDARD = getattr(sys, "stdlib_module_names", frozenset()) | {

@@ -29,7 +29,7 @@ def documents():
     package = types.ModuleType("volcalc_before")
     package.__path__ = [str(PLUGIN), str(PLUGIN.parent)]
     sys.modules["volcalc_before"] = package
-    yield importlib.import_module("volcalc_before.files.documents")
+    yield importlib.import_module("volcalc_before.files.saved")
     for name in [name for name in sys.modules if name.startswith("volcalc_before")]:
         del sys.modules[name]
 
@@ -69,7 +69,7 @@ def test_read_again_after_it_was_written_as_today(documents, path, tmp_path):
 
 
 def test_list_tells_of_it_with_and_without_a_head(documents, path, tmp_path):
-    entries = importlib.import_module("volcalc_before.files.entries")
+    entries = importlib.import_module("volcalc_before.files.list_rows")
     document = documents.checked_document(json.loads(path.read_text()))
     file = tmp_path / f"{document['id']}.json"
     shutil.copy(path, file)

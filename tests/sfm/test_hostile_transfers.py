@@ -175,16 +175,16 @@ def test_download_that_drips_is_given_up(tmp_path, pieces):
 
 def test_download_that_goes_on_may_take_longer_than_one_block(tmp_path):
     block = bytes(1 << 17)
-    with answering(ZIP + b"Content-Length: %d\r\n\r\n" % (8 << 17), *[block] * 8, b"") as url:
-        server = Server(url, silence_s=0.1)
+    with answering(ZIP + b"Content-Length: %d\r\n\r\n" % (4 << 17), *[block] * 4, b"") as url:
+        server = Server(url, silence_s=0.4)
         seen = []
 
         def slowly(done, total):
             seen.append(done)
-            time.sleep(0.4)
+            time.sleep(0.5)
 
         server.download("/x", tmp_path / "part", slowly)
-    assert (tmp_path / "part").stat().st_size == 8 << 17
+    assert (tmp_path / "part").stat().st_size == 4 << 17
 
 
 def test_upload_of_which_the_answer_drips_is_given_up(tmp_path):

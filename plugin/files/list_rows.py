@@ -22,8 +22,8 @@ from ..quantify_client.types.shapes import (
     Text,
     Whole,
 )
-from .documents import HEAD, checked_document, checked_front, parsed
 from .inputs import checked_name
+from .saved import HEAD, checked_document, checked_front, parsed
 from .store import read_head
 from .summary import entry_from
 from .untrusted_json import read_json_at

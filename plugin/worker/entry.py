@@ -33,7 +33,7 @@ def run_job(package, root, job):
         if plugin is None:
             raise ImportError("not there", name="the plugin itself")
         with plugin.python_imports():
-            work = importlib.import_module(package + ".worker.work")
+            work = importlib.import_module(package + ".worker.measuring")
             work.run(root, job)
     except BaseException as error:
         if os.path.exists(os.path.join(folder, "cancel")) or not os.path.exists(folder):

@@ -13,9 +13,9 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from ..files.documents import SCHEMA
 from ..files.folders import HEARTBEAT_S, JobFolder
 from ..files.inputs import area_key
+from ..files.saved import SCHEMA
 from ..files.store import MOST_BYTES, disk_words, write_json
 from ..quantify_client import measure
 from ..quantify_client.crs import require_crs
