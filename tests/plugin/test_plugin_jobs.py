@@ -42,7 +42,7 @@ def everything(tasks):
 
 def test_module_of_the_function_holds_nothing_else():
     """WebODM runs its text in an empty namespace: no helper, decorator or annotation can count."""
-    tree = ast.parse((PLUGIN / "worker" / "job.py").read_text())
+    tree = ast.parse((PLUGIN / "worker" / "entry.py").read_text())
     (function,) = (node for node in tree.body if not isinstance(node, ast.Expr))
     assert isinstance(function, ast.FunctionDef)
     assert function.decorator_list == []
@@ -52,7 +52,7 @@ def test_module_of_the_function_holds_nothing_else():
 
 def test_function_never_raises_and_returns_a_reference(tmp_path, monkeypatch):
     namespace = {}
-    exec(compile((PLUGIN / "worker" / "job.py").read_text(), "file", "exec"), namespace)  # noqa: S102
+    exec(compile((PLUGIN / "worker" / "entry.py").read_text(), "file", "exec"), namespace)  # noqa: S102
     monkeypatch.setitem(sys.modules, "app.plugins.functions", None)  # an import that fails
     (tmp_path / "j").mkdir()
     (tmp_path / "j" / "state.json").write_text('{"state": "queued", "filler": "' + "x" * 999 + '"}')

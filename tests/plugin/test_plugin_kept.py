@@ -219,7 +219,7 @@ def test_function_of_the_worker_says_that_the_disk_is_full(work, tmp_path, monke
         monkeypatch.setitem(sys.modules, name, types.ModuleType(name))
     monkeypatch.setitem(sys.modules, "app.plugins.functions", functions)
     namespace = {}
-    exec(compile((PLUGIN / "worker" / "job.py").read_text(), "file", "exec"), namespace)  # noqa: S102
+    exec(compile((PLUGIN / "worker" / "entry.py").read_text(), "file", "exec"), namespace)  # noqa: S102
     namespace["run_job"]("plugins.volcalc", str(tmp_path), folder.job)
     told = folder.state()
     assert told["state"] == "failed"
