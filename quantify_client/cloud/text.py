@@ -10,7 +10,7 @@ import re
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Container, Iterator, List, Optional, Sequence, TextIO, Tuple
+from typing import Any, Container, Dict, Iterator, List, Optional, Sequence, TextIO, Tuple
 
 import numpy as np
 
@@ -133,9 +133,9 @@ class TextTable:
         table: FloatArray = np.empty((0, 0))
         if rows:
             with suppress(ValueError, IndexError):
-                table = np.loadtxt(
-                    rows, delimiter=self.delimiter, usecols=columns, comments="#", ndmin=2
-                )
+                # numpy 1.26's stubs do not know that usecols may be None.
+                some: Dict[str, Any] = {} if columns is None else {"usecols": columns}
+                table = np.loadtxt(rows, delimiter=self.delimiter, comments="#", ndmin=2, **some)
         return table
 
     def _row(

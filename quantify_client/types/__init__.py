@@ -24,6 +24,7 @@ from .results import (
     INTERVAL95,
     AreaFailure,
     AreaResult,
+    Body,
     BudgetItem,
     Check,
     Floor,
@@ -32,7 +33,6 @@ from .results import (
     Relief,
     Scaled,
     Slice,
-    Solid,
     interval95,
 )
 from .scaling import (
@@ -74,7 +74,7 @@ __all__ = [
     "Scaled",
     "Scaling",
     "Slice",
-    "Solid",
+    "Body",
     "Window",
     "document",
     "interval95",

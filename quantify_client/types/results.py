@@ -31,7 +31,7 @@ __all__ = [
     "Relief",
     "Scaled",
     "Slice",
-    "Solid",
+    "Body",
     "interval95",
 ]
 
@@ -190,7 +190,7 @@ class Floor:
 
 
 @dataclass(frozen=True)
-class Solid:
+class Body:
     """What the pictures of a body are drawn from.
 
     All coordinates are metres relative to ``origin`` (measuring frame, on the ground). A body on a
@@ -200,7 +200,7 @@ class Solid:
     ----------
     origin : x, y, z.
     points : (N, 3) float32, some of the points of the body.
-    strays : (S, 3) float32, some of the points left out.
+    outliers : (S, 3) float32, some of the points left out.
     ground : (G, 3) float32, some of the points taken for ground.
     outlines : for each of the result's ``slices``, from the lowest, the closed outlines of its
     section
@@ -212,7 +212,7 @@ class Solid:
 
     origin: Tuple[float, float, float]
     points: npt.NDArray[np.float32]
-    strays: npt.NDArray[np.float32]
+    outliers: npt.NDArray[np.float32]
     ground: npt.NDArray[np.float32]
     outlines: Sequence[Sequence[FloatArray]]
     gaps: Sequence[Gap]
@@ -226,7 +226,7 @@ class AreaResult:
 
     ``budget`` is itemised; every standard deviation is the root sum of squares of its column.
     Each row of ``bases`` is a complete result of its own, of which some numbers are in JSON;
-    ``relief`` and ``solid``, which pictures are drawn from, are not.
+    ``relief`` and ``body``, which pictures are drawn from, are not.
     """
 
     name: Name
@@ -266,7 +266,7 @@ class AreaResult:
         "Comparison of base surfaces.",
     ] = ()
     relief: Annotated[Optional[Relief], LEFT_OUT] = field(default=None, repr=False, compare=False)
-    solid: Annotated[Optional[Solid], LEFT_OUT] = field(default=None, repr=False, compare=False)
+    body: Annotated[Optional[Body], LEFT_OUT] = field(default=None, repr=False, compare=False)
 
     @property
     def interval95_m3(self) -> Annotated[Optional[Interval], "volume_m3 -+ 1.96 std_m3."]:

@@ -17,7 +17,7 @@ from ..crs import Frame, apply_matrix
 from ..crs.projection import WGS84, transform
 from ..errors import CrsError
 from ..report.figures import DIVERGING
-from ..types import AreaFailure, AreaResult, FloatArray, Measurement, Relief, Slice, Solid
+from ..types import AreaFailure, AreaResult, Body, FloatArray, Measurement, Relief, Slice
 from .contours import contour
 
 __all__ = ["OnMap", "indexed_png", "map_layers", "on_map"]
@@ -96,8 +96,8 @@ def _layer(result: Any, frame: Optional[Frame]) -> Dict[str, Any]:
             if plane is not None:
                 layer["relief"] = _picture(result.relief, plane)
                 layer["outlines"] = _terrain_outlines(result, result.relief, plane)
-        elif result.solid is not None:
-            layer["outlines"] = _body_outlines(result, result.solid, frame)
+        elif result.body is not None:
+            layer["outlines"] = _body_outlines(result, result.body, frame)
     except CrsError:
         pass  # no map can show it; the numbers are complete without
     return layer
@@ -237,13 +237,13 @@ def _terrain_outlines(result: AreaResult, relief: Relief, plane: OnMap) -> Dict[
     return _outlines(drawn, plane, 0.2 * cell)
 
 
-def _body_outlines(result: AreaResult, solid: Solid, frame: Frame) -> Dict[str, Any]:
-    x, y, z = solid.origin
+def _body_outlines(result: AreaResult, body: Body, frame: Frame) -> Dict[str, Any]:
+    x, y, z = body.origin
     plane = on_map(frame, x, y, z)
     if plane is None:
         return _collection([])
     pieces = sorted(result.slices, key=lambda piece: piece.z_m)
-    outlines = {id(piece): rings for piece, rings in zip(pieces, solid.outlines)}
+    outlines = {id(piece): rings for piece, rings in zip(pieces, body.outlines)}
     drawn = [
         (
             piece,

@@ -11,6 +11,7 @@ import numpy as np
 from quantify_client.report.wording.units import THIN_SPACE
 from quantify_client.types import (
     AreaResult,
+    Body,
     BudgetItem,
     Check,
     FloatArray,
@@ -18,7 +19,6 @@ from quantify_client.types import (
     Gap,
     Measurement,
     Slice,
-    Solid,
 )
 
 from . import surveys
@@ -63,7 +63,7 @@ def body(
     slices: int = 40,
     points: int = 6_000,
     gaps: Sequence[Gap] = (),
-    changes_of_solid: Any = None,
+    changes_of_body: Any = None,
     **changes: Any,
 ) -> AreaResult:
     """A body of given sections on a floor at elevation 330."""
@@ -76,10 +76,10 @@ def body(
         Slice(ORIGIN[2] + float(z), step, a, a * step, points // slices)
         for z, a in zip(middles, areas)
     ]
-    solid_fields: Dict[str, Any] = dict(  # noqa: C408
+    body_fields: Dict[str, Any] = dict(  # noqa: C408
         origin=ORIGIN,
         points=scattered(rings_at, height, points),
-        strays=np.random.default_rng(5).uniform(-2, 2, (200, 3)).astype(np.float32),
+        outliers=np.random.default_rng(5).uniform(-2, 2, (200, 3)).astype(np.float32),
         ground=ground_points(),
         outlines=outlines,
         gaps=gaps,
@@ -100,11 +100,11 @@ def body(
         max_z_m=ORIGIN[2] + height,
         max_height_m=height,
         points_used=points,
-        points_left_out={"ground": 4321, "stray": 200},
+        points_left_out={"ground": 4321, "outlier": 200},
         slice_height_m=step,
         slices=pieces,
         checks=(Check("tetrahedra", 1.002 * volume),),
-        solid=Solid(**{**solid_fields, **(changes_of_solid or {})}),
+        body=Body(**{**body_fields, **(changes_of_body or {})}),
     )
     return surveys.body(name, **{**known, **changes})
 
@@ -156,17 +156,17 @@ def measurement(*results: Any, **changes: Any) -> Measurement:
 
 def extent(result: AreaResult) -> Tuple[FloatArray, FloatArray]:
     """Lowest and highest coordinates of the points of a body."""
-    assert result.solid is not None
-    return result.solid.points.min(axis=0), result.solid.points.max(axis=0)
+    assert result.body is not None
+    return result.body.points.min(axis=0), result.body.points.max(axis=0)
 
 
-def solid_of(result: AreaResult) -> Solid:
-    assert result.solid is not None
-    return result.solid
+def body_of(result: AreaResult) -> Body:
+    assert result.body is not None
+    return result.body
 
 
-def with_solid(result: AreaResult, **changes: Any) -> AreaResult:
-    return dataclasses.replace(result, solid=dataclasses.replace(solid_of(result), **changes))
+def with_body(result: AreaResult, **changes: Any) -> AreaResult:
+    return dataclasses.replace(result, body=dataclasses.replace(body_of(result), **changes))
 
 
 def plain(text: str) -> str:

@@ -19,7 +19,7 @@ from quantify_client.report.wording.words import floor_words, gap_words, left_ou
 from quantify_client.types import Floor, Gap
 
 from . import bodies, surveys
-from .bodies import plain, solid_of, with_solid
+from .bodies import body_of, plain, with_body
 from .schemas import valid
 from .test_reading import page, printed
 
@@ -36,7 +36,7 @@ def test_the_page_states_the_key_numbers(tmp_path: Path) -> None:
         "0.0500 m each",
         '<dt>Points used</dt><dd><div class="big">6 000',
         "4 521 left out",
-        "4 321 ground, 200 stray",
+        "4 321 ground, 200 outlier",
         "Check: tetrahedra",
         "outline</td>",
         "sampling</td>",
@@ -91,8 +91,8 @@ FLOORS: List[Tuple[Any, str]] = [
 
 @pytest.mark.parametrize(("floor", "words"), FLOORS)
 def test_one_sentence_says_what_was_taken_for_ground(floor: Any, words: str) -> None:
-    result = with_solid(bodies.ball(points=600), floor=floor)
-    assert plain(floor_words(solid_of(result), METRIC)) == words
+    result = with_body(bodies.ball(points=600), floor=floor)
+    assert plain(floor_words(body_of(result), METRIC)) == words
 
 
 @pytest.mark.parametrize(
@@ -107,8 +107,8 @@ def test_one_sentence_says_what_was_taken_for_ground(floor: Any, words: str) -> 
     ],
 )
 def test_one_sentence_tells_the_gaps(gaps: Any, words: str) -> None:
-    result = with_solid(bodies.ball(points=600), gaps=gaps)
-    assert plain(gap_words(solid_of(result), METRIC)) == words
+    result = with_body(bodies.ball(points=600), gaps=gaps)
+    assert plain(gap_words(body_of(result), METRIC)) == words
 
 
 def test_the_terminal_tells_ground_gaps_and_points() -> None:
@@ -118,7 +118,7 @@ def test_the_terminal_tells_ground_gaps_and_points() -> None:
         assert cell in row
     assert "Ground: a plane found in the cloud, at elevation 330.00 m, tilted 1.1°" in shown
     assert "Gaps: 2 closed, the widest 0.31 m wide" in shown
-    assert "Points: 6 000 used; left out: 4 321 ground, 200 stray." in shown
+    assert "Points: 6 000 used; left out: 4 321 ground, 200 outlier." in shown
     assert "check by tetrahedra" in shown
 
 
@@ -141,7 +141,7 @@ def test_the_document_of_a_body_follows_the_schema_and_holds_no_solid() -> None:
     valid(document, "schema.json")
     assert document["method"] == "section"
     row = document["results"][0]
-    assert "solid" not in row
+    assert "body" not in row
     assert row["cut_m3"] is row["base"] is None
     assert [item["source"] for item in row["budget"]] == [
         "survey",

@@ -29,7 +29,7 @@ from quantify_client.report.wording.units import METRIC, US
 from quantify_client.types import AreaResult
 
 from . import bodies, surveys
-from .bodies import plain, solid_of, with_solid
+from .bodies import body_of, plain, with_body
 from .test_reading import page
 
 
@@ -48,7 +48,7 @@ def texts(drawn: Any) -> List[str]:
 
 def test_sections_lie_at_their_heights_above_the_origin() -> None:
     ball = bodies.ball()
-    sections = sections_of(ball, solid_of(ball))
+    sections = sections_of(ball, body_of(ball))
     assert len(sections) == 40
     assert [s.z for s in sections[:2]] == pytest.approx([0.025, 0.075], abs=1e-9)
     assert (sections[0].share, sections[-1].share) == (0.0, 1.0)
@@ -59,18 +59,18 @@ def test_sections_lie_at_their_heights_above_the_origin() -> None:
 
 def test_sections_are_chosen_evenly_over_the_height() -> None:
     ball = bodies.ball(slices=240)
-    some = evenly_spaced(sections_of(ball, solid_of(ball)), 12)
+    some = evenly_spaced(sections_of(ball, body_of(ball)), 12)
     steps = np.diff([section.z for section in some])
     assert len(some) == 12
     assert steps == pytest.approx(2.0 / 12, abs=0.01)
-    few = sections_of(bodies.ball(slices=5), solid_of(bodies.ball(slices=5)))
+    few = sections_of(bodies.ball(slices=5), body_of(bodies.ball(slices=5)))
     assert evenly_spaced(few, 12) == few
 
 
 def test_a_slice_without_outline_is_not_drawn() -> None:
     ball = bodies.ball()
-    outlines = [[], *solid_of(ball).outlines[1:-1], [np.zeros((2, 2))]]
-    assert len(sections_of(ball, solid_of(with_solid(ball, outlines=outlines)))) == 38
+    outlines = [[], *body_of(ball).outlines[1:-1], [np.zeros((2, 2))]]
+    assert len(sections_of(ball, body_of(with_body(ball, outlines=outlines)))) == 38
 
 
 def test_a_ring_in_a_ring_is_a_hole_and_one_in_that_is_solid() -> None:
@@ -110,7 +110,7 @@ def windings(path: DrawnPath) -> List[float]:
 
 def test_twelve_tori_are_drawn_to_one_scale_with_their_holes_open() -> None:
     torus, drawn = bodies.torus(), axes()
-    some = evenly_spaced(sections_of(torus, solid_of(torus)), 12)
+    some = evenly_spaced(sections_of(torus, body_of(torus)), 12)
     draw_sections(drawn, some, METRIC)
     assert len(drawn.collections) == 12
     scales = []
@@ -123,7 +123,7 @@ def test_twelve_tori_are_drawn_to_one_scale_with_their_holes_open() -> None:
 
 def test_sections_are_labelled_from_the_highest_with_elevation_and_area() -> None:
     ball, drawn = bodies.ball(), axes()
-    some = evenly_spaced(sections_of(ball, solid_of(ball)), 12)
+    some = evenly_spaced(sections_of(ball, body_of(ball)), 12)
     draw_sections(drawn, some, METRIC)
     shown = texts(drawn)
     assert shown[:3] == [
@@ -137,14 +137,14 @@ def test_sections_are_labelled_from_the_highest_with_elevation_and_area() -> Non
 
 def test_us_units_label_feet() -> None:
     ball, drawn = bodies.ball(), axes()
-    draw_sections(drawn, evenly_spaced(sections_of(ball, solid_of(ball)), 12), US)
+    draw_sections(drawn, evenly_spaced(sections_of(ball, body_of(ball)), 12), US)
     assert any(re.fullmatch(r"1 088\.8\d* ft", text) for text in texts(drawn))
     assert not any(text.endswith(" m") for text in texts(drawn))
 
 
 def test_numbers_in_the_profile_stand_at_their_sections_heights() -> None:
     ball, drawn = bodies.ball(), axes()
-    some = evenly_spaced(sections_of(ball, solid_of(ball)), 12)
+    some = evenly_spaced(sections_of(ball, body_of(ball)), 12)
     draw_heights(drawn, ball, some, METRIC)
     places = {text.get_text(): text.xy[1] for text in drawn.texts}
     assert places["1"] == pytest.approx(some[-1].slice.z_m)
@@ -156,9 +156,9 @@ def test_numbers_in_the_profile_stand_at_their_sections_heights() -> None:
 
 def test_convergence_shows_every_volume_the_result_and_its_interval() -> None:
     ball, drawn = bodies.ball(), axes()
-    draw_convergence(drawn, ball, solid_of(ball), METRIC)
+    draw_convergence(drawn, ball, body_of(ball), METRIC)
     line = next(line for line in drawn.lines if line.get_label() == "slices as boxes")
-    counts, volumes = zip(*solid_of(ball).convergence)
+    counts, volumes = zip(*body_of(ball).convergence)
     assert list(line.get_xdata()) == list(counts)
     assert line.get_ydata() == pytest.approx(volumes)
     result = next(line for line in drawn.lines if line.get_label() == "result")
@@ -171,7 +171,7 @@ def test_convergence_shows_every_volume_the_result_and_its_interval() -> None:
 
 def test_later_slabs_of_the_stack_lie_on_earlier_ones() -> None:
     ball, drawn = bodies.ball(), axes()
-    draw_stack(drawn, sections_of(ball, solid_of(ball)))
+    draw_stack(drawn, sections_of(ball, body_of(ball)))
     heights = [c.get_paths()[-1].vertices[:, 1].mean() for c in drawn.collections]
     assert len(heights) == 40
     assert heights == sorted(heights)
@@ -196,14 +196,14 @@ POOR: Dict[str, Dict[str, Any]] = {
 
 @pytest.mark.parametrize("change", POOR)
 def test_poor_solids_are_drawn_all_the_same(change: str, tmp_path: Path) -> None:
-    result = with_solid(bodies.ball(), **POOR[change])
+    result = with_body(bodies.ball(), **POOR[change])
     assert picture(result).shape[1] == 1400
     html = page(bodies.measurement(result), tmp_path)
     assert html.endswith("</html>\n")
 
 
 def test_a_body_without_slices_and_interval_is_drawn() -> None:
-    result = with_solid(bodies.ball(), outlines=[])
+    result = with_body(bodies.ball(), outlines=[])
     assert picture(dataclasses.replace(result, slices=(), std_m3=None)).shape[1] == 1400
 
 

@@ -18,7 +18,7 @@ from quantify_client.report.wording.units import METRIC
 from quantify_client.types import Floor
 
 from . import bodies, surveys
-from .bodies import plain, solid_of, with_solid
+from .bodies import body_of, plain, with_body
 from .test_reading import HOSTILE_TEXTS, Tags, page
 
 
@@ -36,24 +36,24 @@ def unpacked(packed: Dict[str, Any]) -> Any:
 def test_coordinates_in_the_page_are_those_of_the_solid() -> None:
     torus = bodies.torus(points=6000)
     [data] = data_of(view_markup(torus, METRIC, north=True))
-    solid = solid_of(torus)
-    for key in ("points", "ground", "strays"):
+    body = body_of(torus)
+    for key in ("points", "ground", "outliers"):
         packed = data["layers"][key]
-        assert packed["count"] == len(getattr(solid, key))
-        error = np.abs(unpacked(packed) - getattr(solid, key)).max()
+        assert packed["count"] == len(getattr(body, key))
+        error = np.abs(unpacked(packed) - getattr(body, key)).max()
         assert error <= packed["step"] * 0.501
         assert packed["step"] < 4.0 / 32767
     outlines = data["outlines"]
     assert outlines["rings"] == [[i // 2, 90] for i in range(80)]
-    corners = np.vstack([ring for rings in solid.outlines for ring in rings])
+    corners = np.vstack([ring for rings in body.outlines for ring in rings])
     assert np.abs(unpacked(outlines) - corners).max() <= outlines["step"] * 0.501
-    z = [s.z_m - solid.origin[2] for s in torus.slices]
+    z = [s.z_m - body.origin[2] for s in torus.slices]
     assert outlines["z"] == pytest.approx(z, abs=1e-6)
 
 
 def test_far_strays_do_not_coarsen_the_body() -> None:
-    strays = np.array([[9e5, 0, 0], [0, 0, -3e4]], np.float32)
-    [data] = data_of(view_markup(with_solid(bodies.ball(), strays=strays), METRIC, north=False))
+    outliers = np.array([[9e5, 0, 0], [0, 0, -3e4]], np.float32)
+    [data] = data_of(view_markup(with_body(bodies.ball(), outliers=outliers), METRIC, north=False))
     assert data["layers"]["points"]["step"] < 2.0 / 32767
     assert max(data["high"]) < 2.1
     assert min(data["low"]) > -1.1
@@ -66,7 +66,7 @@ def test_many_points_are_sampled_the_same_way_each_time() -> None:
     [data] = data_of(first)
     assert data["layers"]["points"]["count"] == 20_000
     assert "20 000 of 60 000" in plain(first)
-    known = {tuple(row) for row in np.round(solid_of(ball).points.astype(float), 3)}
+    known = {tuple(row) for row in np.round(body_of(ball).points.astype(float), 3)}
     shown = unpacked(data["layers"]["points"])
     near = sum(tuple(row) in known for row in np.round(shown, 3))
     assert near > 0.8 * len(shown)  # the others were rounded the other way
@@ -94,12 +94,12 @@ def boxes_of(markup: str) -> List[str]:
 
 
 def test_only_what_there_is_has_a_check_box() -> None:
-    everything = ["points", "outlines", "gaps", "ground", "strays"]
+    everything = ["points", "outlines", "gaps", "ground", "outliers"]
     assert boxes_of(view_markup(bodies.ball(), METRIC, north=False)) == everything
     nothing = np.zeros((0, 3), np.float32)
-    bare = with_solid(bodies.torus(), ground=nothing, strays=nothing, floor=None)
+    bare = with_body(bodies.torus(), ground=nothing, outliers=nothing, floor=None)
     assert boxes_of(view_markup(bare, METRIC, north=False)) == ["points", "outlines"]
-    assert view_markup(with_solid(bare, points=nothing, outlines=[]), METRIC, north=False) == ""
+    assert view_markup(with_body(bare, points=nothing, outlines=[]), METRIC, north=False) == ""
 
 
 def test_the_view_can_be_read_and_used_without_a_mouse() -> None:
@@ -165,7 +165,7 @@ def test_nothing_from_outside_becomes_markup_of_a_body(bad: str, tmp_path: Path)
         bad,
         warnings=(bad,),
         points_left_out={bad: 3},
-        changes_of_solid={"floor": floor},
+        changes_of_body={"floor": floor},
         points=600,
     )
     measurement = bodies.measurement(result, surveys.failure(bad), source=bad, warnings=(bad,))

@@ -241,8 +241,8 @@ def test_too_many_faces_are_told(monkeypatch):
 def test_result_is_complete():
     result = measured(cube())
     assert isinstance(result, AreaResult)
-    assert (result.points_used, result.coverage, result.solid.floor) == (8, None, None)
-    assert all(len(rings) == 1 for rings in result.solid.outlines)
+    assert (result.points_used, result.coverage, result.body.floor) == (8, None, None)
+    assert all(len(rings) == 1 for rings in result.body.outlines)
 
 
 def test_faces_without_corners_enclose_nothing():

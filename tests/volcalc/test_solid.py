@@ -53,7 +53,7 @@ def assert_consistent(result):
     assert sum(part.points for part in result.slices) == result.points_used
     squares = sum(item.std_m3**2 for item in result.budget)
     assert result.std_m3 == pytest.approx(np.sqrt(squares), rel=1e-9)
-    assert len(result.solid.outlines) == len(result.slices)
+    assert len(result.body.outlines) == len(result.slices)
     assert all(isinstance(line, Notice) and "\n" not in line for line in result.warnings)
 
 
@@ -68,8 +68,8 @@ def test_a_ball_is_measured_at_coordinates_of_maps():
     assert result.min_z_m == pytest.approx(99.5, abs=0.01)
     assert result.max_z_m == pytest.approx(100.5, abs=0.01)
     assert result.points_used == 2000
-    assert result.points_left_out == {"ground": 0, "stray": 0}
-    assert result.solid.floor is None
+    assert result.points_left_out == {"ground": 0, "outlier": 0}
+    assert result.body.floor is None
     assert result.warnings == ()
     (check,) = result.checks
     assert check.volume_m3 == pytest.approx(BALL, rel=0.01)
@@ -99,7 +99,7 @@ def test_slices_of_a_ball_are_those_of_the_formula():
 
 
 def test_boxes_converge_to_the_volume():
-    counts, volumes = np.transpose(ball().solid.convergence)
+    counts, volumes = np.transpose(ball().body.convergence)
     errors = np.abs(volumes / ball().volume_m3 - 1)
     # Of midpoints: 1 / (2 n^2) of a ball.
     assert errors[0] == pytest.approx(0.5 / counts[0] ** 2, rel=0.1)
@@ -116,8 +116,8 @@ def test_a_ball_on_ground_is_the_ball(tilt):
     result = volume_of(points)
     assert_consistent(result)
     assert result.volume_m3 == pytest.approx(BALL, rel=0.015)
-    assert result.solid.floor.found == "in the cloud"
-    assert result.points_left_out["ground"] == result.solid.floor.points > 2000
+    assert result.body.floor.found == "in the cloud"
+    assert result.points_left_out["ground"] == result.body.floor.points > 2000
     assert any("lie on a floor at" in line for line in result.warnings)
     total = result.points_used + sum(result.points_left_out.values())
     assert total == len(points)
@@ -129,8 +129,8 @@ def test_a_box_without_bottom_on_ground_is_closed_there(floor):
     assert_consistent(result)
     assert result.volume_m3 == pytest.approx(1.0, rel=0.005)
     assert result.min_z_m == pytest.approx(100.0, abs=0.005)
-    assert result.solid.floor.elevation == pytest.approx(100.0, abs=0.005)
-    assert result.solid.floor.found == ("given" if floor == 100.0 else "in the cloud")
+    assert result.body.floor.elevation == pytest.approx(100.0, abs=0.005)
+    assert result.body.floor.found == ("given" if floor == 100.0 else "in the cloud")
 
 
 def test_a_floor_above_the_ground_cuts_the_body_there():
@@ -167,8 +167,8 @@ def test_half_a_ball_open_below_is_closed_with_a_warning():
     result = volume_of(points[points[:, 2] > 100.0])
     assert_consistent(result)
     assert result.volume_m3 == pytest.approx(BALL / 2, rel=0.02)
-    assert result.solid.floor.found == "lowest points"
-    assert result.solid.floor.elevation == pytest.approx(100.0, abs=0.01)
+    assert result.body.floor.found == "lowest points"
+    assert result.body.floor.elevation == pytest.approx(100.0, abs=0.01)
     assert any("closed flat at its lowest points" in line for line in result.warnings)
     with pytest.raises(InputError, match="the points enclose no space"):
         volume_of(points[points[:, 2] > 100.0], floor="none")
@@ -258,7 +258,7 @@ def test_thinned_points_are_counted_and_told():
 def test_outliers_are_counted_and_many_are_told():
     few, many = (volume_of(scanned("sphere", 3000, outliers=share)) for share in (0.01, 0.06))
     assert few.volume_m3 == pytest.approx(BALL, rel=0.01)
-    assert 18 <= few.points_left_out["stray"] <= 30
+    assert 18 <= few.points_left_out["outlier"] <= 30
     assert not any("outliers" in line for line in few.warnings)
     assert many.volume_m3 == pytest.approx(BALL, rel=0.015)
     assert any("of the points are outliers" in line for line in many.warnings)

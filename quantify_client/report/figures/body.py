@@ -12,7 +12,7 @@ from matplotlib.collections import PathCollection
 from matplotlib.colors import to_rgb
 from shapely.geometry.polygon import orient
 
-from ...types import AreaResult, FloatArray, Slice, Solid
+from ...types import AreaResult, Body, FloatArray, Slice
 from ..wording.units import Units, fixed
 from .look import HEIGHTS, INK, MUTED, drawn_path, nice_step, size_in, write_beside
 
@@ -45,9 +45,9 @@ class Section:
     Attributes
     ----------
     slice : the slab.
-    z : height of its middle in the coordinates of the Solid.
+    z : height of its middle in the coordinates of the Body.
     share : where it lies between the body's lowest slice (0) and its highest (1).
-    rings : closed outlines, (K, 2) float64 each, in the coordinates of the Solid.
+    rings : closed outlines, (K, 2) float64 each, in the coordinates of the Body.
     """
 
     slice: Slice
@@ -56,10 +56,10 @@ class Section:
     rings: Tuple[FloatArray, ...]
 
 
-def sections_of(result: AreaResult, solid: Solid) -> List[Section]:
+def sections_of(result: AreaResult, body: Body) -> List[Section]:
     """Return all slices that have an outline, from the lowest.
 
-    A slice's elevation is that of the Solid's origin plus its height in the Solid: so also for a
+    A slice's elevation is that of the Body's origin plus its height in the Body: so also for a
     body that was turned to stand on a level floor.
     """
     slices = sorted(result.slices, key=lambda piece: piece.z_m)
@@ -68,10 +68,10 @@ def sections_of(result: AreaResult, solid: Solid) -> List[Section]:
     low, high = slices[0].z_m, slices[-1].z_m
     span = high - low if high > low else 1.0
     made = []
-    for piece, rings in zip(slices, solid.outlines):
+    for piece, rings in zip(slices, body.outlines):
         usable = tuple(np.asarray(r, dtype=float) for r in rings if len(r) >= FEWEST_POINTS)
         if usable:
-            z, share = piece.z_m - solid.origin[2], (piece.z_m - low) / span
+            z, share = piece.z_m - body.origin[2], (piece.z_m - low) / span
             made.append(Section(piece, z, share, usable))
     return made
 

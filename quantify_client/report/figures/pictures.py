@@ -7,7 +7,7 @@ from typing import Any, Dict, List, Optional, Tuple
 import shapely
 from matplotlib.figure import Figure
 
-from ...types import AreaResult, Measurement, Relief, Solid
+from ...types import AreaResult, Body, Measurement, Relief
 from ..wording.units import Units, plus_minus
 from ..wording.words import is_terrain, volume_word
 from .body import SHOWN, draw_sections, draw_stack, evenly_spaced, sections_of
@@ -47,8 +47,8 @@ Box = Tuple[float, float, float, float]  # left, bottom, width, height in inches
 def area_picture(result: AreaResult, measurement: Measurement, units: Units) -> bytes:
     """Draw plan, section and slices of an area, the sections of a body, or slices alone."""
     with style():
-        if result.solid is not None:
-            figure = _body(result, result.solid, units)
+        if result.body is not None:
+            figure = _body(result, result.body, units)
         elif result.relief is not None:
             figure = _terrain(result, result.relief, measurement, units)
         else:
@@ -98,12 +98,12 @@ def _layout(aspect: float) -> Tuple[float, Dict[str, Box]]:
     }
 
 
-def _body(result: AreaResult, solid: Solid, units: Units) -> Figure:
+def _body(result: AreaResult, body: Body, units: Units) -> Figure:
     figure = new_figure(8.9)
-    sections = sections_of(result, solid)
+    sections = sections_of(result, body)
     shown = evenly_spaced(sections, SHOWN)
     draw_stack(axes_at(figure, (0.45, 3.75, 4.15, 3.95)), sections)
-    draw_convergence(axes_at(figure, (1.1, 0.7, 3.5, 2.05)), result, solid, units)
+    draw_convergence(axes_at(figure, (1.1, 0.7, 3.5, 2.05)), result, body, units)
     draw_sections(axes_at(figure, (5.1, 0.3, 5.1, 7.4)), shown, units)
     draw_heights(axes_at(figure, (11.0, 0.7, 2.45, 7.0)), result, shown, units)
     return figure
@@ -120,7 +120,7 @@ def _head(figure: Figure, result: AreaResult, units: Units) -> None:
     for word, value, std in parts:
         shown = units.volume_number(value, std) + plus_minus(units.half_width(std))
         words.append(f"{word} {shown} {units.volume}")
-    if result.solid is not None:
+    if result.body is not None:
         words.append(f"height {units.length_text(result.max_height_m)}")
         words.append(f"surface {units.area_text(result.surface_area_m2)}")
     head_line(figure, 0.32, drawable(result.name, 70), size=17, weight="bold", color=INK)

@@ -8,7 +8,7 @@ from typing import Any, List, Sequence
 import numpy as np
 from matplotlib.collections import PolyCollection
 
-from ...types import AreaResult, Slice, Solid, interval95
+from ...types import AreaResult, Body, Slice, interval95
 from ..wording.units import Units, number
 from ..wording.words import is_terrain
 from .body import Section, draw_badge
@@ -84,11 +84,11 @@ def _draw_bars(axes: Any, slices: Sequence[Slice], colours: Any, units: Units) -
     axes.grid(axis="x")
 
 
-def draw_convergence(axes: Any, result: AreaResult, solid: Solid, units: Units) -> None:
+def draw_convergence(axes: Any, result: AreaResult, body: Body, units: Units) -> None:
     """Draw the volume over the number of slices, with the result and its interval."""
     axes.set_title("Volume over the number of slices", pad=24.0)
     axes.set(xlabel="number of slices", ylabel=units.volume)
-    rows = sorted((n, v) for n, v in solid.convergence if n > 0 and math.isfinite(v))
+    rows = sorted((n, v) for n, v in body.convergence if n > 0 and math.isfinite(v))
     counts = [n for n, _ in rows]
     volumes = [v * units.volume_per_m3 for _, v in rows]
     final = result.volume_m3 * units.volume_per_m3

@@ -38,7 +38,7 @@ def render_html(
 
     `pictures` has the PNG (a file, or what is in one) of each result that has one, by its index.
     """
-    views = sum(isinstance(r, AreaResult) and r.solid is not None for r in measurement.results)
+    views = sum(isinstance(r, AreaResult) and r.body is not None for r in measurement.results)
     scale = measurement.scale
     of_scale = () if scale is None else scale.warnings  # shown in the card of the scale
     warnings = [in_units(w, units) for w in measurement.warnings if w not in of_scale]
@@ -55,7 +55,7 @@ def render_html(
             yield _card(index, result, tag("p", reason), kind="card failed")
             continue
         view = Markup()
-        if result.solid is not None:
+        if result.body is not None:
             from .view import view_markup  # late: it draws, and most pages have nothing to turn
 
             view = view_markup(result, units, north=bool(measurement.crs), views=views)

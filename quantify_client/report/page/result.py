@@ -29,8 +29,8 @@ def result_body(
 ) -> Tuple[Markup, Markup]:
     """Return the parts above the picture, with the warnings, and those below it."""
     above = [tag("dl", *_headline(result, units), class_="headline"), note(warnings)]
-    if result.solid is not None:
-        words = f"{floor_words(result.solid, units)} {gap_words(result.solid, units)}"
+    if result.body is not None:
+        words = f"{floor_words(result.body, units)} {gap_words(result.body, units)}"
         above.append(tag("p", words, class_="stands"))
     columns = [tag("section", tag("h3", "Numbers and inputs"), facts(_facts(result, units)))]
     if result.budget:
@@ -57,7 +57,7 @@ def _headline(result: AreaResult, units: Units) -> List[Markup]:
         shown, unit = units.mass_text(result.mass_t, result.mass_std_t).rsplit("\u00a0", 1)
         spread = plus_minus(units.mass_half_width(result.mass_std_t))
         tiles.append(tile("Mass", shown, f"{spread} {unit}", f"{of}, \u00b1 95 %"))
-    if result.solid is not None:
+    if result.body is not None:
         tiles += _body_tiles(result, units)
     return tiles
 

@@ -10,7 +10,7 @@ from typing import Any, Dict, Iterable, List, Sequence
 
 import numpy as np
 
-from ...types import AreaResult, FloatArray, Solid
+from ...types import AreaResult, Body, FloatArray
 from ..figures.body import Section, evenly_spaced, sections_of
 from ..figures.look import nice_step
 from ..wording.units import Units, count
@@ -19,7 +19,7 @@ from .markup import Markup, join, tag
 
 __all__ = ["script", "script_policy", "view_markup"]
 
-MOST_POINTS = {"points": 20_000, "ground": 4_000, "strays": 1_500}
+MOST_POINTS = {"points": 20_000, "ground": 4_000, "outliers": 1_500}
 AT_FULL = 4  # so many views of a page have that many points; more of them share
 MOST_SECTIONS = 64
 MOST_CORNERS = 30_000  # of all outlines together
@@ -33,7 +33,7 @@ LAYERS = (
     ("outlines", "Sections"),
     ("gaps", "Closed gaps"),
     ("ground", "Ground points"),
-    ("strays", "Outliers"),
+    ("outliers", "Outliers"),
 )
 
 
@@ -53,11 +53,11 @@ def view_markup(result: AreaResult, units: Units, *, north: bool, views: int = 1
 
     `north`: y points north, so that the view may say so. `views` of the page share the points.
     """
-    solid = result.solid
-    if solid is None or is_terrain(result):
+    body = result.body
+    if body is None or is_terrain(result):
         return Markup()
-    sections = evenly_spaced(sections_of(result, solid), MOST_SECTIONS)
-    data = _view_data(result, solid, sections, units, min(1.0, AT_FULL / views))
+    sections = evenly_spaced(sections_of(result, body), MOST_SECTIONS)
+    data = _view_data(result, body, sections, units, min(1.0, AT_FULL / views))
     if data is None:
         return Markup()
     written = json.dumps({**data, "north": north}, separators=(",", ":"), allow_nan=False)
@@ -66,7 +66,7 @@ def view_markup(result: AreaResult, units: Units, *, north: bool, views: int = 1
     words = (
         f"{result.name} in three dimensions: {len(sections)} of its section outlines between "
         f"elevation {units.length_text(result.min_z_m)} and {units.length_text(result.max_z_m)}, "
-        f"points of its surface, closed gaps: {len(solid.gaps)}. "
+        f"points of its surface, closed gaps: {len(body.gaps)}. "
         "The same sections are in the picture, the numbers in the tables."
     )
     hint = (
@@ -78,7 +78,7 @@ def view_markup(result: AreaResult, units: Units, *, north: bool, views: int = 1
         Markup(f'<button type="button" data-turn="{to}">{name}</button>')
         for name, to in TURNS.items()
     ]
-    legend = _legend(data, result, solid, len(sections))
+    legend = _legend(data, result, body, len(sections))
     view = tag(
         "section",
         tag("h3", "Turn the body"),
@@ -92,15 +92,15 @@ def view_markup(result: AreaResult, units: Units, *, north: bool, views: int = 1
     return join(tag("noscript", tag("p", without, class_="muted")), view)
 
 
-def _legend(data: Dict[str, Any], result: AreaResult, solid: Solid, sections: int) -> Markup:
+def _legend(data: Dict[str, Any], result: AreaResult, body: Body, sections: int) -> Markup:
     """Return a check box for each kind that the view has."""
     shown = {key: layer["count"] for key, layer in data["layers"].items()}
     shown.update(outlines=sections, gaps=len(data["gaps"]))
     totals = {
         "points": result.points_used,
-        "ground": solid.floor.points if solid.floor else 0,
+        "ground": body.floor.points if body.floor else 0,
         "outlines": len(result.slices),
-        "gaps": len(solid.gaps),
+        "gaps": len(body.gaps),
     }
     boxes = []
     for key, words in LAYERS:
@@ -114,20 +114,20 @@ def _legend(data: Dict[str, Any], result: AreaResult, solid: Solid, sections: in
 
 
 def _view_data(
-    result: AreaResult, solid: Solid, sections: Sequence[Section], units: Units, share: float
+    result: AreaResult, body: Body, sections: Sequence[Section], units: Units, share: float
 ) -> Any:
     """Return the data that the script draws, or None when there is nothing."""
     points = {
-        key: _some(getattr(solid, key), int(most * share)) for key, most in MOST_POINTS.items()
+        key: _some(getattr(body, key), int(most * share)) for key, most in MOST_POINTS.items()
     }
     corners = [np.column_stack([r, np.full(len(r), s.z)]) for s in sections for r in s.rings]
-    body = np.vstack([points["points"], *corners])
-    if not len(body):
+    drawn = np.vstack([points["points"], *corners])
+    if not len(drawn):
         return None
-    low, high = body.min(axis=0), body.max(axis=0)
-    if solid.floor is not None:
+    low, high = drawn.min(axis=0), drawn.max(axis=0)
+    if body.floor is not None:
         low[2] = min(low[2], 0.0)
-    wide = max(float(np.max(high[:2] - low[:2])), 1e-6 * max(float(np.ptp(body[:, 2])), 1.0))
+    wide = max(float(np.max(high[:2] - low[:2])), 1e-6 * max(float(np.ptp(drawn[:, 2])), 1.0))
     shown_step = nice_step(wide * units.length_per_m / GRID_CELLS)
     return {
         "low": _rounded(low),
@@ -139,11 +139,11 @@ def _view_data(
         # x, y, z, width and what is written at the gap
         "gaps": [
             [*_rounded((gap.x, gap.y, gap.z, gap.width)), gap_width(gap, units)]
-            for gap in solid.gaps[:MOST_GAPS]
+            for gap in body.gaps[:MOST_GAPS]
         ],
         "grid": shown_step / units.length_per_m,
         "gridText": f"{shown_step:g} {units.length}",
-        "tall": _rounded([z - solid.origin[2] for z in (result.min_z_m, result.max_z_m)]),
+        "tall": _rounded([z - body.origin[2] for z in (result.min_z_m, result.max_z_m)]),
         "heightText": units.length_text(result.max_z_m - result.min_z_m),
     }
 

@@ -87,7 +87,7 @@ def _row(result: AreaResult, units: Units) -> Row:
         row.append(("In plan", units.area_text(result.area_m2)))
     if result.coverage is not None:
         row.append(("Coverage", coverage_words(result.coverage)))
-    if result.solid is not None:
+    if result.body is not None:
         row += [
             ("Height", units.length_text(result.max_height_m)),
             ("Surface", units.area_text(result.surface_area_m2)),
@@ -163,9 +163,9 @@ def print_grid(
 
 def _print_remarks(console: Console, result: AreaResult, units: Units, name: str) -> None:
     """Print ground, gaps, checks and compared bases; `name` is put before each line."""
-    if result.solid is not None:
-        say(console, f"{name}{floor_words(result.solid, units)}")
-        say(console, f"{name}{gap_words(result.solid, units)}")
+    if result.body is not None:
+        say(console, f"{name}{floor_words(result.body, units)}")
+        say(console, f"{name}{gap_words(result.body, units)}")
         used = count(result.points_used)
         say(console, f"{name}Points: {used} used; left out: {left_out_words(result)}.")
     for check in result.checks:

@@ -6,7 +6,7 @@ import re
 import unicodedata
 from typing import Any, List, Mapping, Optional, Tuple, Union
 
-from ...types import AreaResult, Gap, Solid
+from ...types import AreaResult, Body, Gap
 from .units import NOTHING, Units, count, number
 
 __all__ = [
@@ -155,9 +155,9 @@ def volumes(result: AreaResult, units: Units) -> List[str]:
     ]
 
 
-def floor_words(solid: Solid, units: Units) -> str:
+def floor_words(body: Body, units: Units) -> str:
     """Return one sentence about the ground that a body stands on."""
-    floor = solid.floor
+    floor = body.floor
     if floor is None:
         return "Ground: none; the surface was taken as closed all round."
     tilt = (
@@ -171,14 +171,14 @@ def floor_words(solid: Solid, units: Units) -> str:
     return f"Ground: {found}, at elevation {units.length_text(floor.elevation)}, {tilt}; {points}."
 
 
-def gap_words(solid: Solid, units: Units) -> str:
+def gap_words(body: Body, units: Units) -> str:
     """Return one sentence: how many gaps were closed, how wide the widest is, and where."""
-    if not solid.gaps:
+    if not body.gaps:
         return "Gaps: none had to be closed."
-    widest = max(solid.gaps, key=lambda gap: gap.width)
-    number_of = len(solid.gaps)
+    widest = max(body.gaps, key=lambda gap: gap.width)
+    number_of = len(body.gaps)
     closed = "1 closed," if number_of == 1 else f"{count(number_of)} closed, the widest"
-    where = units.length_text(solid.origin[2] + widest.z)
+    where = units.length_text(body.origin[2] + widest.z)
     return f"Gaps: {closed} {gap_width(widest, units)} wide, at elevation {where}."
 
 

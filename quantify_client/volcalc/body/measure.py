@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import InputError
-from ...types import AreaResult, BudgetItem, Check, FloatArray, Floor, Gap, Slice, Solid
+from ...types import AreaResult, Body, BudgetItem, Check, FloatArray, Floor, Gap, Slice
 from ..body_slices import CONVERGENCE, TERRAIN_ONLY, BodyRecipe, slab_edges, slices_of
 from .enclose import Enclosed, Open, enclose
 from .estimate import RESAMPLED, Estimate, closing_std, estimate, hidden_volume, is_same_body
@@ -82,12 +82,12 @@ def measure_body(name: str, cloud: Thinned, recipe: BodyRecipe) -> AreaResult:
         max_z_m=float(edges[-1]) + zero,
         max_height_m=float(edges[-1] - edges[0]),
         points_used=int(standing.counts.sum()),
-        points_left_out={"ground": standing.ground_count, "stray": standing.outlier_count},
+        points_left_out={"ground": standing.ground_count, "outlier": standing.outlier_count},
         slice_height_m=float(edges[1] - edges[0]),
         slices=_slices(standing, body, edges, hidden, scale, zero),
         checks=_checks(standing, body, hidden),
         warnings=tuple(body_warnings(cloud, standing, body, hidden, volume, place, recipe)),
-        solid=_drawn(local, standing, body, edges, hidden, scale),
+        body=_drawn(local, standing, body, edges, hidden, scale),
         **TERRAIN_ONLY,
     )
 
@@ -224,14 +224,14 @@ def _drawn(
     edges: FloatArray,
     hidden: float,
     scale: float,
-) -> Solid:
+) -> Body:
     """Return what the pictures are drawn from."""
     x, y, _ = local.origin.tolist()
     boxes = body.surface.box_sums(CONVERGENCE)
-    return Solid(
+    return Body(
         origin=(x, y, local.elevation_of_zero(standing)),
         points=_some(standing.points),
-        strays=_some(standing.outliers),
+        outliers=_some(standing.outliers),
         ground=_some(standing.ground),
         outlines=body.surface.outlines_between(edges),
         gaps=body.gaps,

@@ -11,7 +11,7 @@ from typing import Iterator, List, Optional, Tuple, Union
 
 import numpy as np
 
-from ...types import AreaResult, BudgetItem, Check, Faces, FloatArray, IntArray, Notice, Solid
+from ...types import AreaResult, Body, BudgetItem, Check, Faces, FloatArray, IntArray, Notice
 from ..body.sections import BodySurface
 from ..body.tetrahedra import face_normals
 from ..body_slices import CONVERGENCE, TERRAIN_ONLY, BodyRecipe, slab_edges, slices_of
@@ -99,7 +99,7 @@ def _result(
         slices=slices_of(edges, np.diff(surface.volume_below(edges)), held, zero),
         checks=checks,
         warnings=tuple(_warnings(volume, std, checks, inverted)),
-        solid=_drawn(here[used], origin, surface, edges),
+        body=_drawn(here[used], origin, surface, edges),
         **TERRAIN_ONLY,
     )
 
@@ -205,17 +205,15 @@ def _volume(points: FloatArray, triangles: IntArray) -> float:
     return float(np.einsum("ti,ti->t", a, np.cross(b, c)).sum()) / 6.0
 
 
-def _drawn(
-    points: FloatArray, origin: FloatArray, surface: BodySurface, edges: FloatArray
-) -> Solid:
+def _drawn(points: FloatArray, origin: FloatArray, surface: BodySurface, edges: FloatArray) -> Body:
     """Return what the pictures are drawn from."""
     none = np.zeros((0, 3), dtype=np.float32)
     step = max(1, math.ceil(len(points) / _MOST_POINTS))
     x, y, z = origin.tolist()
-    return Solid(
+    return Body(
         origin=(x, y, z),
         points=points[::step].astype(np.float32),
-        strays=none,
+        outliers=none,
         ground=none,
         outlines=surface.outlines_between(edges),
         gaps=(),

@@ -111,8 +111,8 @@ def _holds(column: IntArray, row: IntArray, wanted: float) -> bool:
     flat = row * wide + column
     if len(flat) < 0.5 * wanted * len(_once(flat)):
         return False
-    counts = np.bincount(flat, minlength=wide * (int(row.max()) + 1)).astype(np.float64)
-    counts = counts.reshape(-1, wide)
+    points = np.bincount(flat, minlength=wide * (int(row.max()) + 1))
+    counts = points.astype(np.float64).reshape(-1, wide)
     occupied = counts > 0
     inner = ndimage.binary_erosion(occupied, np.ones((3, 3)))
     enough = np.count_nonzero(inner) > max(4.0, 0.02 * np.count_nonzero(occupied))
