@@ -217,7 +217,8 @@ package = types.ModuleType("copy_of")
 package.__path__ = [sys.argv[1]]
 sys.modules["copy_of"] = package
 second = importlib.import_module("copy_of.quantify_client.types.json_records")
-found = [importlib.import_module(m.__name__.replace("json_records", "scaling")) for m in (first, second)]
+names = [m.__name__.replace("json_records", "scaling") for m in (first, second)]
+found = [importlib.import_module(name) for name in names]
 print(*(m.record_of(s.ScaleObservation).formerly for m, s in zip((first, second), found)))
 """
     root = str(Path(quantify_client.__file__).parents[1])
