@@ -48,6 +48,8 @@ DEV_LOCK := $(wildcard $(call LOCK,$(DEV_VERSION)))
 # Tests run side by side; threads of the linear algebra beside them would only wait for each other.
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
+# Hundreds of tests start the command: it is compiled once, as an installed one is.
+export PYTHONDONTWRITEBYTECODE =
 
 .PHONY: demo plugin test test-newest test-live test-webodm fuzz lock lint lint39 format suite suite39 \
 	broker say say39 coverage clean

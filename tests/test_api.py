@@ -25,6 +25,9 @@ from quantify_client.scaler.adjustment.fit import MODES
 from quantify_client.volcalc.terrain.base import BASES
 from quantify_client.volcalc.terrain.integrate import MAX_SLICES
 
+# Objects of the library: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 API = Path(__file__).parent.parent / "docs" / "api.md"
 
 

@@ -19,6 +19,9 @@ SLOW = {
 CODE = """
 import json, sys
 from quantify_client.cli import main
+
+# What is imported: no different on a second Python.
+pytestmark = pytest.mark.one_python
 status = main(sys.argv[1:])
 print(json.dumps(sorted(sys.modules)), file=sys.stderr)
 sys.exit(status)

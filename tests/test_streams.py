@@ -18,7 +18,10 @@ from quantify_client.report import to_json
 QUANTIFY = f"{sys.executable} -m quantify_client"
 FULL = "quantify-client: error: stdout: cannot be written (No space left on device); make room, "
 
-pytestmark = pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+pytestmark = [
+    pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full"),
+    pytest.mark.one_python,  # streams of the system
+]
 
 
 def shell(command, **environment):

@@ -13,6 +13,9 @@ from webodm import WebODM
 
 from quantify_client.commands import jobs
 
+# Words of the command line: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 
 @pytest.fixture(autouse=True)
 def token(quick_jobs, monkeypatch):

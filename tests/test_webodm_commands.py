@@ -8,6 +8,9 @@ import pytest
 from known_task import VOLUME_M3
 from webodm import PASSWORD, USER, WebODM
 
+# Servers and words: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 
 @pytest.fixture
 def server(known):
