@@ -10,6 +10,9 @@ import pytest
 from clouds import write_las
 from commands import UTM
 
+# What is imported: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 #: Packages that take from a fiftieth to half a second to import.
 SLOW = {
     *("numpy", "scipy", "pyproj", "shapely", "laspy", "lazrs", "matplotlib", "rich", "requests"),
@@ -19,9 +22,6 @@ SLOW = {
 CODE = """
 import json, sys
 from quantify_client.cli import main
-
-# What is imported: no different on a second Python.
-pytestmark = pytest.mark.one_python
 status = main(sys.argv[1:])
 print(json.dumps(sorted(sys.modules)), file=sys.stderr)
 sys.exit(status)
