@@ -83,8 +83,8 @@ def test_volume_matches_the_closed_form(tmp_path, terrain, errors, tolerance):
     assert result.area_m2 == pytest.approx(terrain.outline.area, rel=1e-9)
     assert result.coverage > 0.98
     if errors.outliers:
-        strays = errors.outliers * (result.points_used + result.points_left_out["outlier"])
-        assert result.points_left_out["outlier"] == pytest.approx(strays, rel=0.3)
+        strays = errors.outliers * (result.points_used + result.points_left_out["outliers"])
+        assert result.points_left_out["outliers"] == pytest.approx(strays, rel=0.3)
 
 
 def test_a_gully_across_the_outline_is_said_to_be_bridged(tmp_path):

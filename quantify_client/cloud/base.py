@@ -320,8 +320,9 @@ def naming(path: Path, advice: str) -> Iterator[None]:
         ) from None
     except BaseException as fault:
         # A panic of the LAZ library arrives as a BaseException that is not an Exception.
-        if not isinstance(fault, Exception) and type(fault).__name__ != "PanicException":
+        kind = type(fault).__name__.replace("PanicException", "decoder")
+        if not isinstance(fault, Exception) and kind != "decoder":
             raise
-        lines = str(fault).strip().splitlines() or [type(fault).__name__]
-        reason = f"{type(fault).__name__}: {lines[0].rstrip('.')[:200]}"
+        lines = str(fault).strip().splitlines() or [kind]
+        reason = f"{kind}: {lines[0].rstrip('.')[:200]}"
         raise CloudError(f"{path}: cannot be read ({reason}); {advice}") from fault

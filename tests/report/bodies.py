@@ -100,7 +100,7 @@ def body(
         max_z_m=ORIGIN[2] + height,
         max_height_m=height,
         points_used=points,
-        points_left_out={"ground": 4321, "outlier": 200},
+        points_left_out={"ground": 4321, "outliers": 200},
         slice_height_m=step,
         slices=pieces,
         checks=(Check("tetrahedra", 1.002 * volume),),

@@ -36,7 +36,7 @@ def test_the_page_states_the_key_numbers(tmp_path: Path) -> None:
         "0.0500 m each",
         '<dt>Points used</dt><dd><div class="big">6 000',
         "4 521 left out",
-        "4 321 ground, 200 outlier",
+        "4 321 ground, 200 outliers",
         "Check: tetrahedra",
         "outline</td>",
         "sampling</td>",
@@ -118,7 +118,7 @@ def test_the_terminal_tells_ground_gaps_and_points() -> None:
         assert cell in row
     assert "Ground: a plane found in the cloud, at elevation 330.00 m, tilted 1.1°" in shown
     assert "Gaps: 2 closed, the widest 0.31 m wide" in shown
-    assert "Points: 6 000 used; left out: 4 321 ground, 200 outlier." in shown
+    assert "Points: 6 000 used; left out: 4 321 ground, 200 outliers." in shown
     assert "check by tetrahedra" in shown
 
 

@@ -68,7 +68,7 @@ def test_a_ball_is_measured_at_coordinates_of_maps():
     assert result.min_z_m == pytest.approx(99.5, abs=0.01)
     assert result.max_z_m == pytest.approx(100.5, abs=0.01)
     assert result.points_used == 2000
-    assert result.points_left_out == {"ground": 0, "outlier": 0}
+    assert result.points_left_out == {"ground": 0, "outliers": 0}
     assert result.body.floor is None
     assert result.warnings == ()
     (check,) = result.checks
@@ -258,7 +258,7 @@ def test_thinned_points_are_counted_and_told():
 def test_outliers_are_counted_and_many_are_told():
     few, many = (volume_of(scanned("sphere", 3000, outliers=share)) for share in (0.01, 0.06))
     assert few.volume_m3 == pytest.approx(BALL, rel=0.01)
-    assert 18 <= few.points_left_out["outlier"] <= 30
+    assert 18 <= few.points_left_out["outliers"] <= 30
     assert not any("outliers" in line for line in few.warnings)
     assert many.volume_m3 == pytest.approx(BALL, rel=0.015)
     assert any("of the points are outliers" in line for line in many.warnings)

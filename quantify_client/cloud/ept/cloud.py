@@ -106,7 +106,8 @@ def _read_tile(index: EptIndex, key: str, size: int) -> Iterator[Chunk]:
     if index.data_type == "laszip":
         yield from read_points(laz_tile(index, key), size)
         return
-    columns = {str(column["name"]): place for place, column in enumerate(index.schema)}
+    with naming(index.source, AGAIN):
+        columns = {str(column["name"]): place for place, column in enumerate(index.schema)}
     for rows in binary_rows(index, key, size):
         with naming(index.source, AGAIN), np.errstate(over="ignore", invalid="ignore"):
             x, y, z = (

@@ -8,7 +8,9 @@ layer of 4 GB costs a hostile file four bytes, and an allocation that fails ends
 
 from __future__ import annotations
 
+import os
 import struct
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Iterator, List, Sequence, Tuple
@@ -221,10 +223,28 @@ def _table(path: Path, stream: BinaryIO, record: bytes, offset: int, count: int)
     if chunks > (position - offset) // 8 + 1:
         raise truncated
     stream.seek(offset)
-    table: List[Any] = lazrs.read_chunk_table(stream, lazrs.LazVlr(record))
+    with _panics_unprinted():
+        table: List[Any] = lazrs.read_chunk_table(stream, lazrs.LazVlr(record))
     if sum(length for _, length in table) > position - offset:
         raise truncated
     return table
+
+
+@contextmanager
+def _panics_unprinted() -> Iterator[None]:
+    """Keep a panic of the decoder off stderr, where it prints its stack: it is raised as well."""
+    try:
+        stderr = os.dup(2)
+    except OSError:  # closed
+        yield
+        return
+    try:
+        with open(os.devnull, "wb") as nothing:  # noqa: PTH123 - a device
+            os.dup2(nothing.fileno(), 2)
+        yield
+    finally:
+        os.dup2(stderr, 2)
+        os.close(stderr)
 
 
 def _table_position(stream: BinaryIO, offset: int) -> int:

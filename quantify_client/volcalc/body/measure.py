@@ -82,7 +82,7 @@ def measure_body(name: str, cloud: Thinned, recipe: BodyRecipe) -> AreaResult:
         max_z_m=float(edges[-1]) + zero,
         max_height_m=float(edges[-1] - edges[0]),
         points_used=int(standing.counts.sum()),
-        points_left_out={"ground": standing.ground_count, "outlier": standing.outlier_count},
+        points_left_out={"ground": standing.ground_count, "outliers": standing.outlier_count},
         slice_height_m=float(edges[1] - edges[0]),
         slices=_slices(standing, body, edges, hidden, scale, zero),
         checks=_checks(standing, body, hidden),

@@ -127,7 +127,7 @@ def _result(name: str, volume: CutFill, points: AreaPoints, recipe: TerrainRecip
         max_height_m=float(np.nanmax(np.abs(volume.r))),
         coverage=surface.coverage,
         points_used=int(count.sum()),
-        points_left_out={"outlier": int(surface.heights.outliers[inside].sum())},
+        points_left_out={"outliers": int(surface.heights.outliers[inside].sum())},
         slice_height_m=float(edges[1] - edges[0]) if even else None,
         slices=tuple(integrate_slices(r, a, volume.above[known], count[known], edges)),
         base=volume.base.name,
