@@ -98,7 +98,7 @@ class _Parser(argparse.ArgumentParser):
 
     def refuse(self, unknown: str, what: str, known: Sequence[str]) -> NoReturn:
         """End the program with status 2 and the names that are near."""
-        near = difflib.get_close_matches(unknown.partition("=")[0], known, 2)
+        near = difflib.get_close_matches(unknown.partition("=")[0], known, 2, cutoff=0.7)
         meant = f"; did you mean {' or '.join(near)}?" if near else ""
         self.error(f"{what}{meant}")
 

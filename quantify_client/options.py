@@ -102,22 +102,25 @@ class Option:
         >>> OPTIONS["slices"].read("7"), OPTIONS["slices"].read("auto")
         (7, 'auto')
         """
-        if value is self.default or self.kind in ("given", "text"):
+        if value is self.default or self.kind == "given":
             return value
+        if self.kind == "flag" and type(value).__name__ in ("bool", "bool_"):  # numpy's
+            value = bool(value)
         if self.kind in _NUMBERS:
             number, also = _NUMBERS[self.kind]
             if isinstance(value, (str, also)) and not isinstance(value, (int, float)):
                 with suppress(ValueError):
                     value = number(value)
         if not self._accepts(value):
-            raise UsageError(f"{self.flag} is {str(value)[:100]}; give {self.expected}")
+            shown = str(value)[:100] or "''"
+            raise UsageError(f"{self.flag} is {shown}; give {self.expected}")
         return value
 
     def _accepts(self, value: Any) -> bool:
         if self.kind == "flag":
             return isinstance(value, bool)
-        if isinstance(value, str):
-            return value in self.choices
+        if isinstance(value, str) or self.kind == "text":
+            return value in self.choices or (self.kind == "text" and isinstance(value, str))
         whole = isinstance(value, int) and not isinstance(value, bool)
         if not (whole or (self.kind == "number" and isinstance(value, float))):
             return False
@@ -145,8 +148,8 @@ class Options:
 
     area: Optional[Any] = _option(
         None,
-        "polygons: GeoJSON, KML, KMZ; with the extra 'vector' also shapefile, GeoPackage, DXF. One "
-        "result for each",
+        "polygons: GeoJSON or KML; with the extra 'vector' also shapefile, GeoPackage, DXF and "
+        "FlatGeobuf. One result for each",
         MEASURED,
         **_FILE,
     )
@@ -247,6 +250,7 @@ class Options:
         COORDINATES,
         kind="text",
         metavar="CODE|FILE",
+        amount="EPSG:n, WKT, a PROJ string or a file with one",
     )
     source_unit: Optional[str] = _option(
         None, "for a cloud that does not say", COORDINATES, choices=UNITS

@@ -131,7 +131,7 @@ def test_density_is_a_number_or_a_text(given, density, sigma):
         ({"max_gap": "x" * 1000}, f"--max-gap is {'x' * 100}; give"),
         ({"base": float("inf")}, "compare or an elevation"),
         ({"threads": 257}, "give a number from 1 to 256"),
-        ({"density": "1.6:"}, "the sigma of --density is ; give"),
+        ({"density": "1.6:"}, "the sigma of --density is ''; give"),
         ({"density": 1600.0}, "for 1600 kg/m3 give 1.6"),
         ({"source_unit": "inch"}, "give m, cm, mm, ft or us-ft"),
         ({"area_frame": "control"}, "--area-frame and --scale-mode go with --gcp"),
@@ -140,6 +140,14 @@ def test_density_is_a_number_or_a_text(given, density, sigma):
 def test_what_an_option_may_not_be_is_said(given, said):
     with pytest.raises(UsageError, match=said):
         read_options(given)
+
+
+def test_flags_of_numpy_are_flags_and_a_crs_is_a_text():
+    assert read_options({"hollow": np.bool_(True)}).hollow is True
+    with pytest.raises(UsageError, match="--crs is 32615; give EPSG:n, WKT"):
+        read_options({"crs": 32615})
+    with pytest.raises(UsageError, match="--density is ''; give"):
+        read_options({"density": ""})
 
 
 def test_numbers_of_numpy_are_numbers():

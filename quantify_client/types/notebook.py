@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from html import escape
 from importlib import import_module
-from typing import Any, Dict, Iterator, Sequence
+from typing import Any, Dict, Iterator, Sequence, Union
 
 from ..errors import MissingExtraError
 
@@ -18,8 +18,9 @@ _INTERVAL95 = 1.96
 class Notebook:
     """What a :class:`Measurement` can do besides holding its fields.
 
-    Iterating gives the results, ``measurement["white car"]`` the one of that name. Two measurements
-    are equal when all their numbers and words are, whenever and in whatever time they were made.
+    Iterating gives the results, ``measurement["white car"]`` the one of that name,
+    ``measurement[0]`` the first. Two measurements are equal when all their numbers and words are,
+    whenever and in whatever time they were made.
     """
 
     source: str
@@ -35,7 +36,12 @@ class Notebook:
     def __len__(self) -> int:
         return len(self.results)
 
-    def __getitem__(self, name: str) -> Any:
+    def __contains__(self, name: object) -> bool:
+        return any(name in (result, result.name) for result in self.results)
+
+    def __getitem__(self, name: Union[str, int]) -> Any:
+        if isinstance(name, int):
+            return self.results[name]
         for result in self.results:
             if result.name == name:
                 return result
