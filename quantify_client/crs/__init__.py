@@ -1,7 +1,7 @@
 """Every coordinate transformation, unit and grid factor; the only user of pyproj.
 
 :mod:`.projection` holds what is needed of PROJ, :mod:`.frame` the metric frame of a cloud with
-where control placed it, :mod:`.measuring` how that frame is chosen, :mod:`.ground` the way of
+where control placed it, :mod:`.choose_frame` how that frame is chosen, :mod:`.ground` the way of
 geometries into it and of grid lengths to the ground, :mod:`.positions` that of single points,
 :mod:`.local` their way to the ground of one site; :mod:`.statements` brings together what a file
 says of its CRS in several places, :mod:`.geokeys` and :mod:`.wkt` read it, :mod:`.same` tells in

@@ -1,1 +1,1 @@
-"""Photographs -> OpenDroneMap outputs; for now, what an output holds (:mod:`.outputs`)."""
+"""Photographs, OpenDroneMap's outputs, and the servers that make these of those."""

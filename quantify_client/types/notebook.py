@@ -12,7 +12,6 @@ from ..errors import MissingExtraError
 __all__ = ["Notebook"]
 
 _SHOWN = 3  # results that a repr names
-_INTERVAL95 = 1.96
 
 
 class Notebook:
@@ -59,9 +58,10 @@ class Notebook:
         if hasattr(result, "error"):
             return f"not measured ({result.error})"
         unit = "m³" if self.length_unit == "m" else "cubic units"
-        if result.std_m3 is None:
+        interval = result.interval95_m3
+        if interval is None:
             return f"{result.volume_m3:.4g} {unit}"
-        half = _INTERVAL95 * result.std_m3
+        half = (interval[1] - interval[0]) / 2
         decimals = max(0, 1 - math.floor(math.log10(half))) if half > 0 else 3
         return f"{result.volume_m3:,.{decimals}f} ± {half:,.{decimals}f} {unit}"
 

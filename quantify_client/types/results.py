@@ -1,7 +1,7 @@
 """What a measurement, or a scaling, ends in: what the JSON documents hold is defined here.
 
-How annotations become JSON and its schema is told in :mod:`.records`: a new number of a result is
-one line here.
+How annotations become JSON and its schema is told in :mod:`.json_records`: a new number of a
+result is one line here.
 """
 
 from __future__ import annotations

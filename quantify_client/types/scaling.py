@@ -23,7 +23,7 @@ __all__ = [
     "Warnings",
 ]
 
-#: What the fields of results are: see :mod:`.records`. A metre may be NaN, and is null in JSON.
+#: What the fields of results are, see :mod:`.json_records`. Metres may be NaN: null in JSON.
 Positive = Annotated[float, Number(0)]
 Metres = Annotated[float, Maybe(Number(), none=math.nan)]
 PositiveOrNan = Annotated[float, Maybe(Number(0), none=math.nan)]

@@ -1,7 +1,7 @@
 """A point cloud through a transform into a new LAS or LAZ file, written by laspy.
 
 :mod:`.rewrite` says what is done in which order, :mod:`.sources` reads any format with all its
-attributes, :mod:`.columns` sorts named columns into fields, :mod:`.schema` lays out records,
+attributes, :mod:`.columns` sorts named columns into fields, :mod:`.record_layout` lays out records,
 :mod:`.coordinates` chooses the scale and the offsets, :mod:`.las_file` hands everything to laspy.
 """
 
