@@ -1,30 +1,26 @@
 """The error budget of a terrain volume, item by item.
 
-A volume is linear in the cell heights: sum(w * z), with w the cell's area less what the cell
-contributes to the base through the rim. The noise of the survey is propagated through exactly these
-weights. What the base adds to the surface's own error is the item "base".
+A volume is linear in the heights of cells and base: V = sum(a z) - sum(a b). The white noise of
+cells and the error of the ground that the base stands for are independent. Noise that neighbours
+share cannot be told, in one survey, from relief of the ground, and need not be: both are in what
+the ground around the area looks like, and the ground that is predicted from it (`ground`) is off by
+what of both goes on under the area. It is the base's. Over an elevation, which is no ground, it is
+the survey's.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage, special
 
 from ...types import BudgetItem, FloatArray
-from .noise import Noise, functional_std
-from .rim import Rim
-from .robust import plane_residuals
+from .noise import functional_std
 from .surface import AreaSurface, CutFill
 
-__all__ = ["BASE_MISFIT", "error_budget", "onto_measured", "rim_relief"]
-
-#: Share of the rim's own relief, times the area, that a base between rim points is off by: chosen,
-#: see benchmarks/accuracy.py (undulating ground). Constants of the budget: docs/method.md.
-BASE_MISFIT = 0.25
-
-#: Relief below this many times the rim's noise is noise.
-_CLEAR_RELIEF = 1.5
+__all__ = ["error_budget", "onto_measured"]
 
 #: Share of the step across a gap by which its mean height may be off: the standard deviation when
 #: anything between a third below and a third above the middle is equally likely (1 / sqrt(27)).
@@ -37,16 +33,16 @@ def error_budget(volume: CutFill) -> list[BudgetItem]:
     """Return the items survey, base, coverage and slicing, each for net, cut and fill."""
     surface, noise = volume.surface, volume.surface.noise
     weights = surface.a * volume.sides
-    net = _noise_items(weights[:1], volume)
+    net = _survey_and_base(weights[:1], volume)
     shared = _shared_error(surface, float(np.hypot(*net)[0]))
     sigma = np.hypot(shared, noise.cell)
     either = np.maximum(weights[1:], _either_side(volume, sigma))
-    split = _noise_items(either, volume)
+    split = _survey_and_base(either, volume)
     survey, from_base = (np.concatenate(pair).tolist() for pair in zip(net, split))
     flat = _flat_ground(volume, shared, sigma)
     stds = {
         "survey": np.hypot(survey, [0.0, flat, flat]),
-        "base": np.hypot(from_base, _base_misfit(volume)),
+        "base": np.array(from_base),
         "coverage": np.hypot(_coverage(surface, weights > 0), _unmeasured(volume)),
         "slicing": np.array(_slicing(surface, weights > 0)),
     }
@@ -73,20 +69,32 @@ def _either_side(volume: CutFill, sigma: FloatArray) -> FloatArray:
     return np.asarray(volume.surface.a * special.ndtr(-distance))
 
 
-def _noise_items(weights: FloatArray, volume: CutFill) -> tuple[FloatArray, FloatArray]:
-    """Return the survey's and the base's standard deviations of each sum(weights * r)."""
-    rim, noise = volume.base.rim, volume.surface.noise
+def _survey_and_base(weights: FloatArray, volume: CutFill) -> tuple[FloatArray, FloatArray]:
+    """Return the survey's and the base's standard deviations of each sum(weights * r), (K,)."""
+    noise = volume.surface.noise
     direct = onto_measured(weights, volume.surface)
-    if rim is None:
+    if not isinstance(volume.base.name, str):
         survey = functional_std(direct, noise)
         return survey, np.zeros_like(survey)
-    influence = np.stack([volume.base.influence(weight) for weight in weights], axis=1)
-    through_rim = (rim.weights.T @ influence).T.reshape(direct.shape)
-    both = functional_std(np.concatenate([direct, direct - through_rim]), noise)
-    survey, total = np.split(both, 2)
-    # Errors that the surface and its base share cancel: the total may be below the survey's.
-    survey = np.minimum(survey, total)
-    return survey, np.sqrt(total**2 - survey**2)
+    survey = functional_std(direct, replace(noise, correlated=0.0))
+    return survey, _ground_error(weights, volume, survey)
+
+
+def _ground_error(weights: FloatArray, volume: CutFill, survey: FloatArray) -> FloatArray:
+    """Return how far sums of base heights may be from those of the ground, (K,) m3.
+
+    A base is off by its departure from the predicted ground, by that ground's own error, and by
+    what is finer than the blocks of ground, beyond the white noise that is the survey's. Where no
+    ground could be predicted its heights are those of a few cells, and may be off together.
+    """
+    surface, inside, ground = volume.surface, volume.surface.inside, volume.ground
+    of_cells = weights[:, inside]
+    if ground is None:
+        return np.asarray(surface.noise.independent * of_cells.sum(axis=1))
+    x, y = surface.heights.window.middles(inside)
+    departure = of_cells @ (volume.base.z[inside] - ground.heights(x, y))
+    finer = np.maximum(ground.unshared * (of_cells**2).sum(axis=1) - survey**2, 0.0)
+    return np.asarray(np.sqrt(departure**2 + ground.errors(x, y, of_cells) ** 2 + finer))
 
 
 def onto_measured(weights: FloatArray, surface: AreaSurface) -> FloatArray:
@@ -108,29 +116,6 @@ def _flat_ground(volume: CutFill, shared: float, sigma: FloatArray) -> float:
     """
     near = volume.sides[0] & (np.abs(np.nan_to_num(volume.r)) < 2 * sigma)
     return 0.4 * shared * float(volume.surface.a[near].sum())
-
-
-def rim_relief(rim: Rim | None, noise: Noise, *, smooth: bool = True) -> float:
-    """Return the RMS residual of the rim about a plane, beyond its noise; 0 where that is unclear.
-
-    With `smooth`, what the correlated noise already explains is noise, too.
-    """
-    if rim is None:
-        return 0.0
-    off = plane_residuals(rim.x, rim.y, rim.z, rim.length)
-    square = float((off**2 * rim.length).sum() / rim.length.sum())
-    shares, cells = rim.weights.data, rim.weights.indices
-    own = float(((shares * noise.cell.ravel()[cells]) ** 2).sum()) / len(rim.z)
-    own += noise.correlated**2 if smooth else 0.0
-    return float(np.sqrt(square - own)) if square > _CLEAR_RELIEF**2 * own else 0.0
-
-
-def _base_misfit(volume: CutFill) -> list[float]:
-    """Return how far the ground under the area may depart from a base drawn through its rim."""
-    surface = volume.surface
-    off = BASE_MISFIT * rim_relief(volume.base.followed, surface.noise)
-    above, below = (float(surface.a[side].sum()) for side in volume.sides[1:])
-    return [off * (above + below), off * above, off * below]
 
 
 def _coverage(surface: AreaSurface, sides: _BOOLS) -> list[float]:

@@ -75,6 +75,12 @@ class CellWindow:
         """Return coordinates in cells from the south-west corner of the window."""
         return (x - self.min_x) / self.cell, (y - self.min_y) / self.cell
 
+    def middles(self, cells: npt.NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
+        """Return x and y of the middles of cells, each (N,); `cells` is (ny, nx)."""
+        row, column = np.nonzero(cells)
+        x, y = self.min_x + (column + 0.5) * self.cell, self.min_y + (row + 0.5) * self.cell
+        return np.asarray(x), np.asarray(y)
+
     def holds(self, row: IntArray, column: IntArray) -> npt.NDArray[np.bool_]:
         """Return which rows and columns lie inside the window."""
         return (row >= 0) & (row < self.ny) & (column >= 0) & (column < self.nx)

@@ -7,7 +7,6 @@ that error, and the mean over four has a fifth of it. Large areas need none of t
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Sequence, Tuple, Union
 
@@ -16,7 +15,7 @@ from shapely import affinity
 from shapely.geometry import MultiPolygon, Polygon
 
 from ...errors import SupportError
-from ...types import AreaResult, BudgetItem, Check, Window
+from ...types import AreaResult, Check, Window
 from .accumulate import AreaPoints
 from .heights import fit_cells
 from .measure import Measured, TerrainRecipe, measure_terrain
@@ -27,10 +26,6 @@ __all__ = ["measure_area"]
 #: An area of more cells than this is measured once.
 _FEW_CELLS = 10_000
 
-#: What is left of the budget's item "base" in the mean: the heights of the rim are then means over
-#: four grids too, whose noise is partly independent. Calibrated (tests/test_calibration.py).
-_BASE_LEFT = 0.85
-
 #: The other grid offsets, in cells, east and north.
 _OFFSETS = ((0.0, 0.5), (0.5, 0.0), (0.5, 0.5))
 
@@ -40,13 +35,15 @@ def measure_area(
 ) -> AreaResult:
     """Return the result of one area: see :func:`measure_terrain`.
 
-    Volumes and checks are the means over the grid offsets, and the budget is that of such a mean;
-    everything else is that of the first offset. The warnings are made of these numbers.
+    Volumes and checks are the means over the grid offsets; everything else is that of the first
+    offset, and all of them use the ground that was predicted for it. The warnings are made of these
+    numbers.
     """
     points = replace(points, cubes=fit_cells(points.cubes, Window(*polygon.bounds)))
     offsets = [measure_terrain(name, polygon, points, recipe)]
     brief, cubes = replace(recipe, brief=True), points.cubes
     cell = cubes.cell * cubes.factor / recipe.ground_factor
+    ground = offsets[0][0].ground
     if polygon.area > _FEW_CELLS * cell**2:
         return _combined(offsets)
     for east, north in ((round(x * cubes.factor), round(y * cubes.factor)) for x, y in _OFFSETS):
@@ -54,7 +51,9 @@ def measure_area(
         moved = replace(points, cubes=cubes.shifted(east, north), sample=points.sample + move)
         shape = affinity.translate(polygon, move[0], move[1])
         try:
-            offsets.append(measure_terrain(name, shape, moved, brief))
+            offsets.append(
+                measure_terrain(name, shape, moved, brief, ground and ground.shifted(*move[:2]))
+            )
         except SupportError:
             continue  # at the very limit of what is measured at all
     return _combined(offsets)
@@ -79,16 +78,11 @@ def _mean(results: Sequence[AreaResult]) -> AreaResult:
         return first
     cut = float(np.mean([r.cut_m3 or 0.0 for r in results]))
     fill = float(np.mean([r.fill_m3 or 0.0 for r in results]))
-    budget = tuple(_of_mean(item) for item in first.budget)
     return replace(
         first,
         volume_m3=cut - fill,
         cut_m3=cut,
         fill_m3=fill,
-        std_m3=math.hypot(*(item.std_m3 for item in budget)),
-        cut_std_m3=math.hypot(*(item.cut_std_m3 for item in budget)),
-        fill_std_m3=math.hypot(*(item.fill_std_m3 for item in budget)),
-        budget=budget,
         slices=tuple(
             replace(piece, volume_m3=_scaled(piece.volume_m3, first, cut, fill))
             for piece in first.slices
@@ -103,13 +97,6 @@ def _mean_checks(checks: Sequence[Sequence[Check]]) -> Tuple[Check, ...]:
         replace(same[0], volume_m3=float(np.mean([check.volume_m3 for check in same])))
         for same in zip(*filter(None, checks))
     )
-
-
-def _of_mean(item: BudgetItem) -> BudgetItem:
-    """Return an item of the budget as it is for the mean over the offsets."""
-    left = _BASE_LEFT if item.source == "base" else 1.0
-    stds = (item.std_m3, item.cut_std_m3, item.fill_std_m3)
-    return BudgetItem(item.source, *(left * std for std in stds))
 
 
 def _scaled(volume: float, first: AreaResult, cut: float, fill: float) -> float:

@@ -12,7 +12,8 @@ from shapely.geometry import MultiPolygon, Polygon
 from ...types import AreaResult, Relief
 from .accumulate import AreaPoints
 from .base import BASES, make_base
-from .budget import error_budget, rim_relief
+from .budget import error_budget
+from .ground import Ground, find_ground
 from .integrate import above_mask, integrate_slices, slab_edges
 from .rim import Crossing, bridge_crossings
 from .surface import AreaSurface, CutFill, find_surface
@@ -47,10 +48,15 @@ class Measured:
 
     result: AreaResult
     findings: Findings
+    ground: Ground | None
 
 
 def measure_terrain(
-    name: str, polygon: Polygon | MultiPolygon, points: AreaPoints, recipe: TerrainRecipe
+    name: str,
+    polygon: Polygon | MultiPolygon,
+    points: AreaPoints,
+    recipe: TerrainRecipe,
+    ground: Ground | None = None,
 ) -> tuple[Measured, ...]:
     """Return the result of one area, one for each base where they are compared.
 
@@ -58,6 +64,7 @@ def measure_terrain(
     ----------
     polygon : valid, metres, from the local origin of the points.
     points : with cubes from `fit_cells`.
+    ground : as predicted for another grid offset, to be used again.
 
     Raises
     ------
@@ -66,13 +73,16 @@ def measure_terrain(
     """
     surface = find_surface(polygon, points.cubes, recipe.ground_factor)
     bases = BASES if recipe.base == "compare" else [recipe.base]
-    return tuple(_on_base(name, base, surface, points, recipe) for base in bases)
+    if ground is None and isinstance(recipe.base, str):
+        ground = find_ground(polygon, surface.heights, surface.fraction)
+    return tuple(_on_base(name, base, surface, ground, points, recipe) for base in bases)
 
 
 def _on_base(
     name: str,
     base_name: Union[str, float],
     surface: AreaSurface,
+    ground: Ground | None,
     points: AreaPoints,
     recipe: TerrainRecipe,
 ) -> Measured:
@@ -81,17 +91,17 @@ def _on_base(
     crossings: list[Crossing] = []
     if base_name == "triangulate" and rim is not None:
         rim, crossings = bridge_crossings(rim)
-    base = make_base(base_name, rim, surface.parts, surface.heights.window, surface.inside)
+    base = make_base(base_name, rim, surface.parts, surface.heights.window, surface.inside, ground)
     r = np.where(surface.inside, surface.filled - base.z, np.nan)
-    volume = CutFill(surface, base, r, above_mask(r, surface.a, surface.noise.cell))
+    volume = CutFill(surface, base, ground, r, above_mask(r, surface.a, surface.noise.cell))
     lost = surface.fraction[surface.inside & ~np.isfinite(surface.filled)].sum()
     findings = Findings(
         crossings=tuple((height, length / recipe.ground_factor) for height, length in crossings),
         lost_m2=float(lost) * surface.cell**2,
         unsupported_rim=0.0 if base.rim is None else 1.0 - base.rim.supported,
-        relief_m=rim_relief(base.followed, surface.noise, smooth=False),
+        relief_m=0.0 if ground is None else ground.relief,
     )
-    return Measured(_result(name, volume, points, recipe), findings)
+    return Measured(_result(name, volume, points, recipe), findings, ground)
 
 
 def _result(name: str, volume: CutFill, points: AreaPoints, recipe: TerrainRecipe) -> AreaResult:

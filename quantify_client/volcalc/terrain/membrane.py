@@ -69,18 +69,6 @@ class Membrane:
             heights = np.concatenate([rim_z, self.solver.solve(pull)])
         return np.asarray((self.share * heights[self.corner]).sum(axis=1))
 
-    def back(self, weights: FloatArray) -> FloatArray:
-        """Return the rim weights (M,) that give the same sum as `weights` of the N places."""
-        each = self.share * weights[:, None]
-        nodes = np.bincount(self.corner.ravel(), each.ravel(), self.rim + self.inner)
-        shares = nodes[: self.rim]
-        if self.solver is not None:
-            # The stiffness is symmetric, so its solver is its own transpose.
-            inner, rim, stiffness = self.ties
-            pull = self.solver.solve(nodes[self.rim :])
-            shares = shares + np.bincount(rim, -stiffness * pull[inner], self.rim)
-        return np.asarray(shares)
-
 
 def stretch(
     rim: FloatArray, outer: Polygon, row: IntArray, column: IntArray, shape: tuple[int, int]

@@ -2,21 +2,33 @@
 
 from __future__ import annotations
 
-from typing import Union
+from typing import Callable, Union
 
 import numpy as np
 import numpy.typing as npt
 
 from ...types import FloatArray, IntArray
 
-__all__ = ["MAD", "plane_residuals", "quantile", "robust_plane_weights"]
+__all__ = [
+    "MAD",
+    "TUKEY",
+    "plane_residuals",
+    "plane_through",
+    "quantile",
+    "robust_plane",
+    "robust_plane_weights",
+]
 
 #: Tukey's constant: residuals of more than this many standard deviations get no weight.
-_TUKEY = 4.685
+TUKEY = 4.685
 _ROUNDS = 5
+_PLANE_ROUNDS = 8
 
 #: Standard deviation of a normal variable over its median absolute deviation.
 MAD = 1.4826
+
+#: Heights (M,) at places x and y (M,), metres.
+Plane = Callable[[FloatArray, FloatArray], FloatArray]
 
 
 def quantile(values: Union[FloatArray, IntArray], share: float) -> float:
@@ -33,15 +45,35 @@ def quantile(values: Union[FloatArray, IntArray], share: float) -> float:
 
 def plane_residuals(x: FloatArray, y: FloatArray, z: FloatArray, weight: FloatArray) -> FloatArray:
     """Return the residuals of the weighted least-squares plane through the heights; all (M,)."""
+    return np.asarray(z - plane_through(x, y, z, weight)(x, y))
+
+
+def robust_plane(x: FloatArray, y: FloatArray, z: FloatArray) -> tuple[Plane, float]:
+    """Return a plane through most of the heights, and their robust standard deviation about it.
+
+    Iteratively reweighted least squares with Tukey's biweight; all (M,), metres.
+    """
+    plane, scatter, weight = plane_through(x, y, z, np.ones_like(z)), 0.0, np.ones_like(z)
+    for _ in range(_PLANE_ROUNDS):
+        off = z - plane(x, y)
+        # One millimetre: smoother than any survey, and rounding must not look like an outlier.
+        scatter = max(MAD * quantile(np.abs(off), 0.5), 1e-3)
+        weight = np.clip(1.0 - (off / (TUKEY * scatter)) ** 2, 1e-6, None) ** 2
+        plane = plane_through(x, y, z, weight)
+    return plane, scatter
+
+
+def plane_through(x: FloatArray, y: FloatArray, z: FloatArray, weight: FloatArray) -> Plane:
+    """Return the weighted least-squares plane through heights."""
     # From the first point: sums of map coordinates would lose digits.
-    u, v, z = x - x[0], y - y[0], z - z[0]
-    terms = np.stack([np.ones_like(u), u, v])
+    x0, y0, z0 = float(x[0]), float(y[0]), float(z[0])
+    terms = np.stack([np.ones_like(x), x - x0, y - y0])
     weighted = terms * weight
     normal = np.einsum("im,jm->ij", weighted, terms)
     # A little damping, for points on one line.
     normal.flat[4::4] += 1e-14 * (normal[1, 1] + normal[2, 2])
-    plane = np.linalg.solve(normal, np.einsum("im,m->i", weighted, z))
-    return np.asarray(z - np.einsum("i,im->m", plane, terms))
+    level, east, north = np.linalg.solve(normal, np.einsum("im,m->i", weighted, z - z0))
+    return lambda x, y: np.asarray(level + east * (x - x0) + north * (y - y0) + z0)
 
 
 def robust_plane_weights(
@@ -79,7 +111,7 @@ def robust_plane_weights(
         plane = np.einsum("mij,mj->mi", inverse, moment)
         residual = np.abs(height - _about(plane, u, v) @ linear.T)
         residual[~usable] = np.inf
-        limit = np.maximum(_TUKEY * MAD * _row_median(residual, count), 1e-9)[:, None]
+        limit = np.maximum(TUKEY * MAD * _row_median(residual, count), 1e-9)[:, None]
         weight = np.clip(1.0 - (residual / limit) ** 2, 0.0, None) ** 2
     total = share.sum(axis=1, keepdims=True)
     # The damping leaves the sum slightly below one, and heights have a large common part.

@@ -15,6 +15,7 @@ from ...types import FloatArray, IntArray, Window
 from .base import Base
 from .coverage import fill_gaps, require_fine, require_support
 from .grid import cell_fractions, polygons_of
+from .ground import Ground
 from .heights import CellHeights, cell_heights
 from .histogram import Cubes
 from .noise import Noise, measure_noise
@@ -86,12 +87,14 @@ class CutFill:
 
     Attributes
     ----------
+    ground : predicted from the ground around the area; None where too little of that is seen.
     r : (ny, nx) height above the base, metres; NaN where nothing is measured.
     above : (ny, nx) bool, cells that count as cut.
     """
 
     surface: AreaSurface
     base: Base
+    ground: Ground | None
     r: FloatArray
     above: npt.NDArray[np.bool_]
 

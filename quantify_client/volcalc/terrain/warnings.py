@@ -6,15 +6,15 @@ from dataclasses import dataclass
 from typing import Iterator, Tuple
 
 from ...types import AreaResult, Notice
-from .budget import BASE_MISFIT
 
 __all__ = ["Findings", "warnings_of"]
 
 #: Above this share there is no warning about gaps.
 _FULL_SUPPORT = 0.95
 
-#: There is a warning where the relief of the rim may change the volume by more than this share.
-_RELIEF_SHARE = 0.02
+#: There is a warning where the standard deviation of the base is more than this share of cut and
+#: fill.
+_BASE_SHARE = 0.02
 
 
 @dataclass(frozen=True)
@@ -27,8 +27,7 @@ class Findings:
         of the outline where the base goes straight across, metres.
     lost_m2 : area beyond the edge of the cloud, on the ground.
     unsupported_rim : share of the outline without points near, where the base depends on it.
-    relief_m : RMS of the outline's heights about a plane, beyond noise, where the base is drawn
-        through them.
+    relief_m : RMS of the ground's heights around the area about a plane.
     """
 
     crossings: Tuple[Tuple[float, float], ...] = ()
@@ -67,14 +66,14 @@ def warnings_of(result: AreaResult, findings: Findings, *, compared: bool) -> It
             share=findings.unsupported_rim,
         )
     total = (result.cut_m3 or 0.0) + (result.fill_m3 or 0.0)
-    worth = BASE_MISFIT * findings.relief_m * (result.area_m2 or 0.0)
-    if findings.relief_m > 0 and worth >= _RELIEF_SHARE * total:
+    base = sum(item.std_m3 for item in result.budget or () if item.source == "base")
+    if findings.relief_m > 0 and base >= _BASE_SHARE * total:
         other = "compare it with the other bases" if compared else "try --base compare"
         yield Notice(
-            "uneven-outline",
-            f"the ground along the outline is uneven ({findings.relief_m:.2g} m RMS about a "
-            "plane): how it continues under the area is not known; see 'base' in the error budget, "
-            f"and {other}",
+            "uneven-ground",
+            f"the ground around the area is uneven ({findings.relief_m:.2g} m RMS about a plane): "
+            "what lies under the area is known to that extent only; see 'base' in the error "
+            f"budget, and {other}",
             relief_m=findings.relief_m,
         )
 
