@@ -1,4 +1,4 @@
-"""Base surfaces against planes fitted by other programs, and as linear maps of the rim."""
+"""Base surfaces against planes and harmonic functions."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ import shapely
 from shapely.geometry import Point, Polygon, box
 
 from quantify_client.errors import SupportError
-from quantify_client.volcalc.terrain.base import BASES, make_base
+from quantify_client.volcalc.terrain.base import BASES, SURFACES, make_base
 from quantify_client.volcalc.terrain.grid import cell_fractions, polygons_of
+from quantify_client.volcalc.terrain.ground import find_ground
 from quantify_client.volcalc.terrain.rim import sample_rim
 
 from .grounds import EAST, LEVEL, NORTH, at_site, centres, ground_under
@@ -43,14 +44,14 @@ def case(shape, height=bumpy, noise=0.02):
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("name", BASES)
-def test_every_base_is_linear_in_the_rim(shape, name):
-    """Sums over cells are sums over the rim: what the budget's covariance rests on."""
+@pytest.mark.parametrize("name", SURFACES)
+def test_bases_through_the_rim_rise_with_it(shape, name):
     parts, window, inside, rim = case(shape)
-    base = make_base(name, rim, parts, window, inside)
-    weights = np.where(inside, np.random.default_rng(0).uniform(-1, 1, inside.shape), 0.0)
-    by_cells = float((weights * np.where(inside, base.z, 0.0)).sum())
-    assert base.influence(weights) @ rim.z == pytest.approx(by_cells, abs=1e-6)
+    low, high = (
+        make_base(name, replace(rim, z=rim.z + rise), parts, window, inside).z[inside]
+        for rise in (0.0, 2.5)
+    )
+    np.testing.assert_allclose(high, low + 2.5, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -139,7 +140,23 @@ def test_an_elevation_is_itself_and_depends_on_no_rim(with_rim):
     base = make_base(159.5, rim if with_rim else None, parts, window, inside)
     assert (base.z[inside] == 159.5).all()
     assert base.rim is None
-    assert len(base.influence(np.ones(inside.shape))) == 0
+
+
+def test_kriged_is_the_predicted_ground_and_needs_no_rim():
+    parts, window, inside, _ = case("square", tilted, noise=0.0)
+    ground = find_ground(SQUARE, ground_under(SQUARE, tilted, noise=0.0), 1.0 * inside)
+    base = make_base("kriged", None, parts, window, inside, ground)
+    assert (base.name, base.rim) == ("kriged", None)
+    expected = LEVEL + tilted(*centres(window))
+    np.testing.assert_allclose(base.z[inside], expected[inside], rtol=0, atol=2e-3)
+
+
+def test_where_no_ground_is_seen_triangulate_takes_the_place_of_kriged():
+    parts, window, inside, rim = case("square")
+    base = make_base("kriged", rim, parts, window, inside)
+    assert base.name == "triangulate"
+    same = make_base("triangulate", rim, parts, window, inside)
+    np.testing.assert_array_equal(base.z, same.z)
 
 
 def test_without_a_rim_only_an_elevation_is_a_base():

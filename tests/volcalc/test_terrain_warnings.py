@@ -4,16 +4,18 @@ from types import SimpleNamespace
 
 import pytest
 
+from quantify_client.types import BudgetItem
 from quantify_client.volcalc.terrain.warnings import Findings, warnings_of
 
 
 def said(findings=None, coverage=1.0, cut=100.0, compared=False):
-    result = SimpleNamespace(coverage=coverage, cut_m3=cut, fill_m3=0.0, area_m2=50.0)
+    budget = [BudgetItem("survey", 30.0, 30.0, 0.0), BudgetItem("base", 2.5, 2.5, 0.0)]
+    result = SimpleNamespace(coverage=coverage, cut_m3=cut, fill_m3=0.0, budget=budget)
     return tuple(warnings_of(result, findings or Findings(), compared=compared))
 
 
 def test_a_sound_result_has_no_warning():
-    assert said(Findings(unsupported_rim=0.04, relief_m=0.1)) == ()
+    assert said(Findings(unsupported_rim=0.04, relief_m=0.1), cut=130.0) == ()
 
 
 @pytest.mark.parametrize(
@@ -45,9 +47,9 @@ def test_a_sound_result_has_no_warning():
         ),
         (
             Findings(relief_m=0.2),
-            "uneven-outline",
+            "uneven-ground",
             {"relief_m": 0.2},
-            "the ground along the outline is uneven (0.2 m RMS",
+            "the ground around the area is uneven (0.2 m RMS",
         ),
     ],
 )
@@ -73,6 +75,6 @@ def test_nothing_advises_what_is_already_done():
     assert said(findings)[0] == said(findings, compared=True)[0] + advice
 
 
-def test_the_relief_is_weighed_against_the_volume_that_is_told():
+def test_the_error_of_the_base_is_weighed_against_the_volume_that_is_told():
     assert said(Findings(relief_m=0.2), cut=120.0)
-    assert not said(Findings(relief_m=0.2), cut=130.0)  # 0.25 * 0.2 * 50 is 2 % of 125
+    assert not said(Findings(relief_m=0.2), cut=130.0)  # 2.5 is 2 % of 125

@@ -80,7 +80,7 @@ def make_base(
     parts: Sequence[Polygon],
     window: CellWindow,
     inside: npt.NDArray[np.bool_],
-    ground: Ground | None,
+    ground: Ground | None = None,
 ) -> Base:
     """Return a base surface.
 

@@ -12,10 +12,11 @@ flat in log l, log q and log s (Handcock and Stein 1993). The plane's coefficien
 so that each prediction is that of universal kriging (Cressie 1993, section 3.4; Rasmussen and
 Williams 2006, section 2.7).
 
-Change of support. The mean of C over two blocks about d apart is, to second order, C at sqrt(d^2 +
-a + b), with a and b the mean square distances of the blocks' points from their middles. C is a
-mixture of Gaussians in r (Schoenberg 1938), so these values form a covariance matrix whatever the
-blocks; what a block's own variance lacks at short ranges is added to the diagonal.
+Change of support. The mean of C over two blocks d apart is about C at sqrt(d^2 + a + b), with a and
+b the mean square distances of the blocks' points from their middles (within 0.02 of the variance
+for squares side by side). C is a mixture of Gaussians in r (Schoenberg 1938), so that these values
+form a covariance matrix whatever the blocks; what a block's own variance lacks at short ranges is
+added to the diagonal.
 """
 
 from __future__ import annotations

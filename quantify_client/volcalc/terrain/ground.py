@@ -15,7 +15,7 @@ from shapely.geometry import MultiPolygon, Polygon
 
 from ...types import FloatArray, IntArray
 from .covariance import Blocks, predict_blocks
-from .ground_blocks import block_size, ground_blocks
+from .ground_blocks import ground_blocks
 from .heights import CellHeights
 from .robust import plane_residuals
 
@@ -23,9 +23,6 @@ __all__ = ["Ground", "find_ground"]
 
 #: Squares that the predicted surface over an area has, about.
 _SQUARES = 64.0
-
-#: With fewer blocks the ground around the area does not tell its covariance.
-_LEAST_BLOCKS = 12
 
 
 @dataclass(frozen=True)
@@ -110,20 +107,21 @@ def find_ground(
     """
     beyond = np.empty((0, 3)) if around is None else around
     known = ground_blocks(polygon, heights, fraction, beyond)
-    if known is None or len(known.z) < _LEAST_BLOCKS:
+    if known is None:
         return None
     cell = heights.window.cell
     # Cells are measured with grid offsets: their middles may lie a cell beyond the outline.
     left, low, right, high = shapely.box(*polygon.bounds).buffer(cell).bounds
-    finest = max(block_size(polygon), cell)
-    step = max(finest, float(np.sqrt(polygon.area / _SQUARES)))
+    step = max(known.finest, float(np.sqrt(polygon.area / _SQUARES)))
     columns, rows = (int(np.ceil(side / step)) + 1 for side in (right - left, high - low))
     step_x, step_y = (right - left) / (columns - 1), (high - low) / (rows - 1)
     used = _used(polygon.buffer(cell), left, low, step_x, step_y, columns, rows)
     at = np.flatnonzero(used)
     x, y = left + at % columns * step_x, low + at // columns * step_y
     wanted = Blocks(x, y, np.full(len(at), (step_x**2 + step_y**2) / 12.0))
-    prediction = predict_blocks(known.places, known.z, known.cells, wanted, finest, known.extent)
+    prediction = predict_blocks(
+        known.places, known.z, known.cells, wanted, known.finest, known.extent
+    )
     number = np.where(used, np.cumsum(used) - 1, 0)
     relief = plane_residuals(known.places.x, known.places.y, known.z, known.cells)
     return Ground(

@@ -30,6 +30,12 @@ _ALONG_OUTLINE = 36
 #: Cells around an area that are looked at, about: more are thinned.
 _MOST_CELLS = 40_000
 
+#: Width of the band inside the outline that is the ground where the cloud ends there, in cells.
+_BAND_CELLS = 2.5
+
+#: With fewer blocks the ground around the area does not tell its covariance.
+LEAST_BLOCKS = 12
+
 #: Squares along the longer side of all that is seen, at most, and along a finest block.
 _MOST_SQUARES = 192
 _SQUARES_IN_BLOCK = 4.0
@@ -54,12 +60,14 @@ class GroundBlocks(NamedTuple):
     places : N blocks, metres.
     z : (N,) their mean heights, metres.
     cells : (N,) number of cells that each is made of.
+    finest : side of the finest, metres.
     extent : distance over which there are blocks, metres.
     """
 
     places: Blocks
     z: FloatArray
     cells: FloatArray
+    finest: float
     extent: float
 
 
@@ -118,7 +126,9 @@ def block_size(polygon: Polygon | MultiPolygon) -> float:
 def ground_blocks(
     polygon: Polygon | MultiPolygon, heights: CellHeights, fraction: FloatArray, around: FloatArray
 ) -> GroundBlocks | None:
-    """Return the blocks of ground around an area, or None where there is none.
+    """Return the blocks of ground around an area, or None where too few are seen.
+
+    Where the cloud ends at the area, the ground is what lies along the inside of the outline.
 
     Parameters
     ----------
@@ -127,21 +137,31 @@ def ground_blocks(
     fraction : (ny, nx) share of each cell inside the area.
     around : (K, 3) points beyond the window.
     """
-    points = _seen(heights, fraction == 0, around)
+    cell = heights.window.cell
+    size = max(block_size(polygon), cell)
     area = _seen(heights, fraction > 0, around[:0])
-    if len(points.x) < 3 or not len(area.x):
+    found = _blocks(_seen(heights, fraction == 0, around), area, size, cell)
+    if found is None:
+        depth = ndimage.distance_transform_edt(np.pad(fraction > 0, 1))[1:-1, 1:-1]
+        band = (depth > 0) & (depth <= _BAND_CELLS)
+        found = _blocks(_seen(heights, band, around[:0]), area, size, cell)
+    return found
+
+
+def _blocks(ground: _Points, area: _Points, size: float, cell: float) -> GroundBlocks | None:
+    """Return the blocks of the ground, the finest of them beside the area; None where too few."""
+    if len(ground.x) < LEAST_BLOCKS or not len(area.x):
         return None
-    x, y = (np.concatenate(pair) for pair in ((points.x, area.x), (points.y, area.y)))
-    size = max(block_size(polygon), heights.window.cell)
+    x, y = (np.concatenate(pair) for pair in ((ground.x, area.x), (ground.y, area.y)))
     extent = float(max(np.ptp(x), np.ptp(y)))
-    step = max(size / _SQUARES_IN_BLOCK, extent / _MOST_SQUARES)
-    squares = _Squares.over(x, y, step)
-    points = _without_objects(points, squares)
+    squares = _Squares.over(x, y, max(size / _SQUARES_IN_BLOCK, extent / _MOST_SQUARES))
+    ground = _without_objects(ground, squares)
     inside = squares.total(squares.at(area.x, area.y)) > 0
-    distance = squares.distance_to(inside)[squares.at(points.x, points.y)]
+    distance = squares.distance_to(inside)[squares.at(ground.x, ground.y)]
     # Sizes 1, 2, 4 ... begin at distances 0, 1, 3, 7 ...
     sides = size * 2.0 ** np.floor(np.log2(1.0 + distance / size))
-    return _means(points, sides, extent, heights.window.cell)
+    places, z, cells = _means(ground, sides, cell)
+    return GroundBlocks(places, z, cells, size, extent) if len(z) >= LEAST_BLOCKS else None
 
 
 def _seen(heights: CellHeights, wanted: npt.NDArray[np.bool_], around: FloatArray) -> _Points:
@@ -176,19 +196,18 @@ def _without_objects(points: _Points, squares: _Squares) -> _Points:
     return points.only(~outlying & ~near[at])
 
 
-def _means(points: _Points, sides: FloatArray, extent: float, cell: float) -> GroundBlocks | None:
-    """Return the means over blocks: squares with the sides (K,) that each point asks for."""
-    if not len(points.x):
-        return None
+def _means(
+    points: _Points, sides: FloatArray, cell: float
+) -> tuple[Blocks, FloatArray, FloatArray]:
+    """Return blocks, their mean heights and cells; `sides` (K,) of each point's square."""
     place = np.stack([sides, np.floor(points.x / sides), np.floor(points.y / sides)])
     _, block = np.unique(place, axis=1, return_inverse=True)
     block = block.ravel()
+    cells = np.bincount(block, points.cells)
 
     def mean(values: FloatArray) -> FloatArray:
         return np.asarray(np.bincount(block, values * points.cells) / cells)
 
-    cells = np.bincount(block, points.cells)
-    x, y, level = mean(points.x), mean(points.y), float(points.z.mean())
+    x, y, level = mean(points.x), mean(points.y), float(points.z.mean()) if len(block) else 0.0
     from_middle = (points.x - x[block]) ** 2 + (points.y - y[block]) ** 2
-    z = mean(points.z - level) + level
-    return GroundBlocks(Blocks(x, y, mean(from_middle) + cell**2 / 6.0), z, cells, extent)
+    return Blocks(x, y, mean(from_middle) + cell**2 / 6.0), mean(points.z - level) + level, cells
