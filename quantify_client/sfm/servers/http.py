@@ -10,12 +10,12 @@ from __future__ import annotations
 import json
 import re
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, Mapping, Optional, Sequence
 from urllib.parse import parse_qsl, urlencode, urljoin, urlsplit, urlunsplit
 
 import requests
-import requests.auth
 import urllib3
 
 from ...errors import ServerError
@@ -52,15 +52,12 @@ _FINAL_FAULTS = {
 _NEVER_CONNECTED = ("NewConnectionError", "NameResolutionError", "ConnectTimeout", "Tunnel conn")
 
 
-class _Headers(requests.auth.AuthBase):
-    """Our own headers and no others: requests would take a password from ~/.netrc instead."""
-
-    def __init__(self, headers: Mapping[str, str]) -> None:
-        self._headers = headers
-
-    def __call__(self, request: requests.PreparedRequest) -> requests.PreparedRequest:
-        request.headers.update(self._headers)
-        return request
+def _identified(
+    request: requests.PreparedRequest, headers: Mapping[str, str]
+) -> requests.PreparedRequest:
+    """Give a request our own headers: requests would take a password from ~/.netrc instead."""
+    request.headers.update(headers)
+    return request
 
 
 class _Session(requests.Session):
@@ -253,7 +250,7 @@ class Server:
         for _ in range(REDIRECTS + 1):
             ours = origin(url) == origin(self.url)
             session.trust_env, session.proxies = not ours, dict(self._proxies) if ours else {}
-            session.auth = _Headers(self._headers if ours else _PLAINLY)
+            session.auth = partial(_identified, headers=self._headers if ours else _PLAINLY)
             response = session.request(
                 method,
                 url,

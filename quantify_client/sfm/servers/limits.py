@@ -142,15 +142,9 @@ def save(
     """
     with suppress(OSError):  # what an earlier try left is of no use and takes room
         part.unlink()
-    free = shutil.disk_usage(part.parent).free
-    spare = max(SPARE_BYTES, int(SPARE_SHARE * free))
     if most is not None and (total or 0) > most:
         raise too_large
-    if total is not None and total + spare > free:
-        raise OutputError(
-            f"{part}: needs {(total + spare) / 1e6:.0f} MB with some to spare, "
-            f"{free / 1e6:.0f} MB are free; {disk_hint}"
-        )
+    spare = _spare(part, total, disk_hint)
     done = looked = 0
     try:
         with part.open("wb") as out:
@@ -173,6 +167,18 @@ def save(
         said = error.strerror or error
         raise OutputError(f"{part}: cannot be written ({said}); {disk_hint}") from error
     return done
+
+
+def _spare(part: Path, total: Optional[int], disk_hint: str) -> int:
+    """Return how many bytes are to stay free; OutputError when so many have no room beside them."""
+    free = shutil.disk_usage(part.parent).free
+    spare = max(SPARE_BYTES, int(SPARE_SHARE * free))
+    if total is not None and total + spare > free:
+        raise OutputError(
+            f"{part}: needs {(total + spare) / 1e6:.0f} MB with some to spare, "
+            f"{free / 1e6:.0f} MB are free; {disk_hint}"
+        )
+    return spare
 
 
 def _require_spare(part: Path, done: int, spare: int, disk_hint: str) -> None:

@@ -160,14 +160,14 @@ class WebODM(Server):
             raise UsageError(f"{self.name}: a task on a WebODM needs a user; {_LOGIN_HINT}")
         login = self._log_in()
         try:
-            return ask()
-        except StatusError as error:
-            can = self._access.token is None and not self.is_anonymous
-            # 403 and JSON also say that a user may not do something: then once more is harmless.
-            if not (can and error.status in (401, 403) and error.reason is not None):
-                raise self._in_words(error) from None
-        self._log_in(instead_of=login)
-        try:
+            try:
+                return ask()
+            except StatusError as error:
+                can = self._access.token is None and not self.is_anonymous
+                # 403 and JSON also say that a user may not do something: once more is harmless.
+                if not (can and error.status in (401, 403) and error.reason is not None):
+                    raise
+            self._log_in(instead_of=login)
             return ask()
         except StatusError as error:
             raise self._in_words(error) from None
