@@ -237,16 +237,7 @@ def _applied(
         stay = Similarity(factor, np.eye(3), pivot, pivot)
         return ScaleFit(found, mode, stay, std, tuple(notes), tuple(contradictions))
     if tilt is not None and mode == "full" and tilt > _POOR_VERTICAL:
-        text = (
-            f"the vertical is known to {tilt:.1f} degrees only: heights and level bases need it"
-            + (
-                ", the scale does not"
-                if by_lengths
-                else ", and the scale comes out too large by it"
-            )
-            + "; give elevations of at least three points"
-        )
-        notes.append(Notice("vertical-poor", text, std_deg=tilt))
+        notes.append(_poor_vertical(tilt, by_lengths))
     place = np.sqrt(np.diag(_covariance(found, model.shift_columns)))
     east, north, up = (*(float(value) for value in place), 0.0)[:3]
     shift = np.linalg.eigvalsh(_covariance(found, model.shift_columns[:2]))[-1]
@@ -262,3 +253,12 @@ def _applied(
         shift_std_m=math.sqrt(float(shift)),
         place_std_m=(east, north, up),
     )
+
+
+def _poor_vertical(tilt: float, by_lengths: bool) -> Notice:
+    scale = "the scale does not" if by_lengths else "and the scale comes out too large by it"
+    text = (
+        f"the vertical is known to {tilt:.1f} degrees only: heights and level bases need it, "
+        f"{scale}; give elevations of at least three points"
+    )
+    return Notice("vertical-poor", text, std_deg=tilt)

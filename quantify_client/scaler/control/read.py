@@ -112,10 +112,7 @@ def _control(root: SyntaxNode, file: ControlFile) -> Control:
     part = {key: root.members.get(key, SyntaxNode()) for key in CONTROL_KEYS}
     plane = _plane(top)
     points = read_points(part["points"], file, plane)
-    if plane is None and any(point.x is not None for point in points.values()):
-        plane = _WGS84
-        text = f"{file.name}: no crs is given; lat and lon are taken as WGS84 (EPSG:4326)"
-        file.notes.append(Notice("crs-assumed", text, crs=_WGS84.crs))
+    plane = plane or _assumed_plane(points, file)
     cloud = read_cloud(part["cloud"], file)
     points, picks, plane = _with_images(part["images"], file, points, plane)
     known: Keys = dict.fromkeys([*points, *cloud], ())
@@ -160,6 +157,17 @@ def _plane(top: Entry) -> Optional[PlaneCoordinates]:
         return plane_of(node.text)
     except CrsError as error:
         raise top.error(f"crs: {error}") from None
+
+
+def _assumed_plane(
+    points: Mapping[str, ControlPoint], file: ControlFile
+) -> Optional[PlaneCoordinates]:
+    """Return WGS 84 for positions that are given without a CRS, and note it; None without any."""
+    if all(point.x is None for point in points.values()):
+        return None
+    text = f"{file.name}: no crs is given; lat and lon are taken as WGS84 (EPSG:4326)"
+    file.notes.append(Notice("crs-assumed", text, crs=_WGS84.crs))
+    return _WGS84
 
 
 def _with_images(
