@@ -11,7 +11,8 @@ if TYPE_CHECKING:
     from .pipeline.control.control_alone import convert_control
     from .pipeline.control.scale import scale
     from .pipeline.run import describe, measure
-    from .report import to_json, write_report
+    from .report.document.measurement import to_json
+    from .report.write import write_report
     from .sfm.servers.access import Access
     from .types import AreaFailure, AreaResult, Measurement, Scaled
 
@@ -30,8 +31,8 @@ _MODULES = {
     "describe": "pipeline.run",
     "measure": "pipeline.run",
     "scale": "pipeline.control.scale",
-    "to_json": "report",
-    "write_report": "report",
+    "to_json": "report.document.measurement",
+    "write_report": "report.write",
 }
 
 __all__ = [

@@ -45,6 +45,9 @@ def _run(arguments: Sequence[str]) -> int:
         return complain(error, 1)
     except KeyboardInterrupt as stop:
         return complain(str(stop) or "interrupted; no file is half written", 130)
+    except ModuleNotFoundError as error:
+        missing = f"the package {error.name}, which this needs, is not installed"
+        return complain(f"{missing}; install quantify-client again, which brings it", 1)
     except MemoryError:
         return complain("there is not enough memory; measure fewer areas or a thinned cloud", 1)
     except OSError as error:

@@ -13,10 +13,12 @@ Every message is one line that holds what was found, what was expected, and the 
     +-- ServerError (OSError)        a server refuses, cannot be reached, or answers nonsense
     +-- JobError (RuntimeError)      a job on a server failed, was lost, or its folder is in use
     +-- OutputError (OSError)        what we were to write cannot be written
-    +-- MissingExtraError (ImportError)   an optional package is needed
+    +-- MissingExtraError (ImportError)   a package is needed that is not installed
 """
 
 from __future__ import annotations
+
+from importlib.util import find_spec
 
 __all__ = [
     "AreaError",
@@ -31,6 +33,7 @@ __all__ = [
     "ServerError",
     "SupportError",
     "UsageError",
+    "require_installed",
 ]
 
 
@@ -79,4 +82,12 @@ class OutputError(QuantifyError, OSError):
 
 
 class MissingExtraError(QuantifyError, ImportError):
-    """An optional package is needed for this input."""
+    """A package is needed that is not installed."""
+
+
+def require_installed(package: str, what: str) -> None:
+    """Raise MissingExtraError where a package is not installed that `what` needs."""
+    if find_spec(package) is None:
+        raise MissingExtraError(
+            f"{what} needs {package}, which is not installed; install it (pip install {package})"
+        )

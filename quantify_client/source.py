@@ -7,7 +7,18 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any, Callable, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
+from typing import (
+    Any,
+    Callable,
+    ContextManager,
+    Iterator,
+    List,
+    Mapping,
+    Optional,
+    Sequence,
+    Tuple,
+    Union,
+)
 
 from .cloud import DEFAULT_CHUNK, Cloud, open_cloud
 from .cloud.base import CloudWrapper, naming
@@ -20,7 +31,7 @@ from .crs import (
     statement_of_cloud,
     statement_of_wkt,
 )
-from .errors import CloudError, UsageError
+from .errors import CloudError, UsageError, require_installed
 from .files.reading import real_path
 from .sfm.odm.archive import unpacked
 from .sfm.odm.layout import (
@@ -108,16 +119,12 @@ def open_source(
     # What follows ? in an address may hold a token, and says nothing of the task.
     names = [re.split("[?#]", str(s))[0] if is_address(s) else str(s) for s in sources]
     with ExitStack() as stack:
-        located: List[LocatedCloud] = []
-        for given in names:
-            if is_address(given):
-                from .sfm.servers.webodm_cloud import task_cloud  # only where a server is asked
-
-                who = Access.from_environment() if access is None else access
-                task = task_cloud(given, who, cameras, windowed, progress)
-                located.append(stack.enter_context(task))
-            else:
-                located.append(_local(given, cameras, stack))
+        located = [
+            stack.enter_context(_task(given, access, cameras, windowed, progress))
+            if is_address(given)
+            else _local(given, cameras, stack)
+            for given in names
+        ]
         aliases = tuple(item.alias for item in located if item.alias)
         paths = tuple(path for item in located for path in item.paths)
         with _renaming(aliases):
@@ -140,6 +147,20 @@ def open_source(
 def is_address(given: Union[str, Path]) -> bool:
     """Whether a source is on a server."""
     return bool(_URL.match(str(given)))
+
+
+def _task(
+    given: str,
+    access: Optional[Access],
+    cameras: bool,
+    windowed: bool,
+    progress: Optional[Progress],
+) -> ContextManager[LocatedCloud]:
+    require_installed("requests", "a task on a server")
+    from .sfm.servers.webodm_cloud import task_cloud  # only where a server is asked
+
+    who = Access.from_environment() if access is None else access
+    return task_cloud(given, who, cameras, windowed, progress)
 
 
 def _local(given: str, cameras: bool, stack: ExitStack) -> LocatedCloud:
@@ -172,10 +193,37 @@ def _info(
     info: CloudInfo, located: Sequence[LocatedCloud], aliases: Aliases, options: Optional[Options]
 ) -> CloudInfo:
     """Add what the user and the surroundings of the files say beyond the files themselves."""
-    warnings = [_rename(text, aliases) for text in info.warnings]
-    warnings += [text for item in located for text in item.warnings]
     given = None if options is None else _given(options)
     statements = [said for said in (given, statement_of_cloud(info)) if said is not None]
+    beside, far = _said_beside(info, located, statements)
+    stated = merge_statements([*statements, *beside])
+    if given is not None and stated.crs is None:
+        raise UsageError(
+            "--vertical-unit goes with a CRS or a unit of x and y, and the cloud names neither: "
+            "give --crs or --source-unit, too"
+        )
+    parts = stated.parts
+    if not parts and options is not None and options.source_unit is not None:
+        parts = tuple(
+            CrsPart(f"{axes} unit", options.source_unit, "--source-unit")
+            for axes in ("horizontal", "vertical")
+        )
+    own = [_rename(text, aliases) for text in info.warnings]
+    of_sources = [text for item in located for text in item.warnings]
+    return replace(
+        info,
+        sources=tuple(_rename(text, aliases) for text in info.sources),
+        crs=stated.crs,
+        crs_origin=stated.origin,
+        warnings=(*own, *of_sources, *far, *stated.warnings),
+        crs_parts=parts,
+    )
+
+
+def _said_beside(
+    info: CloudInfo, located: Sequence[LocatedCloud], statements: Sequence[Statement]
+) -> Tuple[List[Statement], List[Notice]]:
+    """Return what files beside the cloud say of its CRS, and warnings of what cannot be so."""
     sidecars: List[Sidecar] = []
     for sidecar in (item.sidecar for item in located if item.sidecar):
         if not any(same_coordinates(sidecar.crs, other.crs) for other in sidecars):
@@ -186,37 +234,18 @@ def _info(
             f"the sources are in different CRS ({named}); expected tiles of one survey: measure "
             "them one by one, or give the CRS of all (--crs)"
         )
+    said: List[Statement] = []
+    far: List[Notice] = []
     for sidecar in sidecars:
         if sidecar.fits(info.bounds):
-            statements.append(statement_of_wkt(sidecar.crs, sidecar.origin))
-        elif not statements:
+            said.append(statement_of_wkt(sidecar.crs, sidecar.origin))
+        elif not (statements or said):
             text = (
                 f"{sidecar.origin} says {sidecar.crs}, but the cloud is nowhere near the place it "
                 "gives: the cloud is taken to have no CRS (--crs gives one)"
             )
-            warnings.append(
-                Notice("crs-far-from-cloud", text, origin=sidecar.origin, crs=sidecar.crs)
-            )
-    stated = merge_statements(statements)
-    if given is not None and stated.crs is None:
-        raise UsageError(
-            "--vertical-unit goes with a CRS or a unit of x and y, and the cloud names neither: "
-            "give --crs or --source-unit, too"
-        )
-    unit_parts: Tuple[CrsPart, ...] = ()
-    if options is not None and options.source_unit is not None:
-        unit_parts = tuple(
-            CrsPart(f"{axes} unit", options.source_unit, "--source-unit")
-            for axes in ("horizontal", "vertical")
-        )
-    return replace(
-        info,
-        sources=tuple(_rename(text, aliases) for text in info.sources),
-        crs=stated.crs,
-        crs_origin=stated.origin,
-        warnings=(*warnings, *stated.warnings),
-        crs_parts=stated.parts or unit_parts,
-    )
+            far.append(Notice("crs-far-from-cloud", text, origin=sidecar.origin, crs=sidecar.crs))
+    return said, far
 
 
 def _given(options: Options) -> Optional[Statement]:

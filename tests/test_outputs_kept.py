@@ -208,7 +208,7 @@ def test_a_scaled_cloud_never_comes_without_its_page(
     def fail(*_args):
         raise fault
 
-    monkeypatch.setattr("quantify_client.report.figures.control.figure.scale_plan", fail)
+    monkeypatch.setattr("quantify_client.report.figures.control.figure.scale_picture", fail)
     status, _, err = run(*scaling)
     assert (status, err.count("\n")) == (130 if isinstance(fault, KeyboardInterrupt) else 1, 1)
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before

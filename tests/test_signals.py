@@ -41,7 +41,7 @@ sys.exit(main())
 WRITING = {
     "volume": "quantify_client.report.figures.pictures:area_picture",
     "demo": "quantify_client.report.figures.pictures:area_picture",
-    "scale": "quantify_client.report.figures.control.figure:scale_plan",
+    "scale": "quantify_client.report.figures.control.figure:scale_picture",
     "gcp": "quantify_client.scaler.control.gcp_write:put_in_place",
     "plugin": "quantify_client.plugin_build:_write",
 }
@@ -352,13 +352,17 @@ def test_what_a_killed_run_left_is_swept_by_the_next(
 
 
 def test_folders_of_a_run_that_lives_are_left_alone(begin, arguments, tmp_path, temporary):
-    living = begin("scale", *arguments["scale"], slow=WRITING["scale"])
-    killed = begin("scale", *arguments["scale"], slow=WRITING["scale"])
+    cloud, *more = arguments["scale"]
+    with zipfile.ZipFile(tmp_path / "all.zip", "w") as archive:
+        archive.write(cloud, "cloud.laz")  # to be unpacked, into a temporary folder
+    given = (tmp_path / "all.zip", *more)
+    living = begin("scale", *given, slow=WRITING["scale"])
+    killed = begin("scale", *given, slow=WRITING["scale"])
     before = {path for path in tmp_path.rglob("*quantify-*") if path.is_dir()}
     assert len(before) == 4  # a hidden and a temporary one of each
     killed.kill()
     killed.communicate()
-    third = begin("scale", *arguments["scale"])
+    third = begin("scale", *given)
     assert third.communicate(timeout=120)[1] == ""
     left = {path for path in tmp_path.rglob("*quantify-*") if path.is_dir()}
     assert len(left) == 2

@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from quantify_client import measure
+from quantify_client import measure, to_json
 from quantify_client.cloud import base, open_cloud
 from quantify_client.errors import CloudError
-from quantify_client.report import to_json
 
 QUANTIFY = f"{sys.executable} -m quantify_client"
 FULL = "quantify-client: error: stdout: cannot be written (No space left on device); make room, "

@@ -16,10 +16,16 @@ from commands import UTM, features
 from terrains import Errors, cone, survey
 from webodm import PASSWORD, USER, VIEWER, WebODM
 
-from quantify_client import describe, measure, scale
+from quantify_client import describe, measure, scale, to_json
 from quantify_client.cloud.ept import index as ept_index
-from quantify_client.errors import CloudError, OutputError, QuantifyError, ServerError, UsageError
-from quantify_client.report import to_json
+from quantify_client.errors import (
+    CloudError,
+    MissingExtraError,
+    OutputError,
+    QuantifyError,
+    ServerError,
+    UsageError,
+)
 from quantify_client.sfm.servers import limits, webodm_cloud
 from quantify_client.sfm.servers import outages as patience
 from quantify_client.sfm.servers.access import Access
@@ -431,3 +437,9 @@ def test_ept_in_an_odm_project_is_odms_own(assets, tmp_path):
     assert describe(other)["odm"] is False
     model = describe(assets / "odm_georeferencing/odm_georeferenced_model.laz")
     assert model["odm"] is True
+
+
+def test_without_requests_it_is_said_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "requests", None)
+    with pytest.raises(MissingExtraError, match="a task on a server needs requests, .*pip install"):
+        describe("http://host/project/1/task/7b0fd1cc-64a6-4c5a-8a5d-ae4b0c5c9f2e/")

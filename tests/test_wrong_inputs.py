@@ -364,3 +364,11 @@ def test_one_line_in_a_process_of_its_own_too(tmp_path):
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr.count("\n") == 1
     assert "git lfs pull" in done.stderr
+
+
+def test_a_package_that_is_missing_is_named_in_one_line(tmp_path):
+    code = "import sys; sys.modules['requests'] = None; from quantify_client.cli import main; "
+    code += f"sys.exit(main(['resume', {str(tmp_path)!r}]))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (1, "", 1)
+    assert "the package requests, which this needs, is not installed; install" in done.stderr

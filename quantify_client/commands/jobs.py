@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any, Dict, Mapping
 
@@ -14,14 +13,14 @@ from ..jobs.job import ARCHIVE, WEBODM
 from ..jobs.journal import load, resuming
 from ..jobs.trust import is_own, records_folder
 from ..pipeline.run import measure
-from ..report import require_writable
 from ..report.wording.words import printable
+from ..report.write import require_writable
 from ..types import SCHEMA
 from .credentials import access_of, node_token
 from .job_display import shown_job
 from .job_options import FILES, REPORT, finished, kept_options, kept_units, require_own_files
 from .measuring import deliver
-from .messages import complain, say, stages
+from .messages import complain_of, say, show_json, stages
 from .submit_checks import check, show_checked
 
 __all__ = ["resume", "submit"]
@@ -55,7 +54,10 @@ def resume(given: argparse.Namespace) -> int:
             raise UsageError("--cancel and --resubmit exclude each other: give one of them")
         said = cancel_job(folder, **_asking(folder, given))
         document = {"schema": SCHEMA, "state": load(folder).state, "said": said}
-        print(json.dumps(document, indent=2) if given.json else printable(said))
+        if given.json:
+            show_json(document)
+        else:
+            print(printable(said))
         return 0
     given.units = kept_units(folder, load(folder))
     return _go_on(folder, given)
@@ -117,11 +119,9 @@ def _measure(
 
 def _show_finished(folder: Path, found: Mapping[str, Any], given: argparse.Namespace) -> int:
     if given.json:
-        print(json.dumps(found, indent=2, allow_nan=False))
+        show_json(found)
     else:
         print(f"The job is finished. Report: {printable(folder / REPORT / 'report.html')}")
-    failed = [row for row in found.get("results", []) if row.get("error")]
     again = f"'quantify-client volume {folder / ARCHIVE} --area FILE' measures other areas"
-    for row in failed:
-        complain(f"{row['name']}: {row['error']}; {again}", 1)
-    return 1 if failed else 0
+    failed = [row for row in found.get("results", []) if row.get("error")]
+    return complain_of([f"{row['name']}: {row['error']}; {again}" for row in failed])

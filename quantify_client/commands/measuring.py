@@ -3,20 +3,29 @@
 from __future__ import annotations
 
 import argparse
-import json
 from importlib import resources
 from pathlib import Path
 from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
 
 from ..options import OPTIONS
 from ..pipeline.run import describe, measure
-from ..report import require_writable, to_json, write_report
+from ..report.document.measurement import to_json
 from ..report.wording.words import coordinate_rows, printable
+from ..report.write import require_writable, write_report
 from ..types import AreaFailure, Measurement, plain, warnings_json
 from .credentials import access_of
-from .messages import complain, stages
+from .messages import complain_of, show_json, stages
 
 __all__ = ["deliver", "demo", "info", "inputs_of", "options_of", "volume"]
+
+#: What people are told instead of a key of the JSON; the other keys are words.
+_WORDS = {
+    "odm": "OpenDroneMap",
+    "crs": "measured in",
+    "crs_origin": "CRS from",
+    "length_unit": "unit of lengths",
+    "mean_spacing_m": "mean spacing, m",
+}
 
 
 def volume(given: argparse.Namespace) -> int:
@@ -68,22 +77,21 @@ def deliver(measurement: Measurement, out: Optional[Path], given: argparse.Names
             written = write_report(measurement, out, units=given.units)
             progress("drawing", 1.0)
     if given.json:
-        print(json.dumps(to_json(measurement), indent=2, allow_nan=False))
+        show_json(to_json(measurement))
     else:
         _show(measurement, given.units)
         for path in written:
             if path.name == "report.html":
                 print(f"Report: {printable(path)}")
-    for result in measurement.results:
-        if isinstance(result, AreaFailure):
-            complain(f"{result.name}: {result.error}", 1)
-    return 0 if measurement.complete else 1
+    failed = [result for result in measurement.results if isinstance(result, AreaFailure)]
+    return complain_of([f"{area.name}: {area.error}" for area in failed])
 
 
 def _show(measurement: Measurement, units: str) -> None:
     from rich.console import Console  # late: JSON is shown without
 
-    from ..report import print_scaling, print_table
+    from ..report.terminal.results import print_table
+    from ..report.terminal.scaling import print_scaling
 
     if measurement.scale is not None:
         print_scaling(measurement.scale, Console(), units=units)
@@ -97,8 +105,7 @@ def info(given: argparse.Namespace) -> int:
             *given.sources, progress=progress, access=access_of(given), **options_of(given)
         )
     if given.json:
-        told = {**plain(found), "warnings": warnings_json(found["warnings"])}
-        print(json.dumps(told, indent=2, allow_nan=False))
+        show_json({**plain(found), "warnings": warnings_json(found["warnings"])})
         return 0
     from rich.console import Console
 
@@ -116,11 +123,11 @@ def _rows(found: Mapping[str, Any]) -> Iterator[Tuple[str, Any]]:
         elif key == "files":
             yield key, ", ".join(f"{item['path']} ({item['size']:,} bytes)" for item in value)
         elif isinstance(value, dict):
-            yield key, ", ".join(f"{k} {_brief(v)}" for k, v in value.items())
+            yield key, ", ".join(f"{k.replace('_', ' ')} {_brief(v)}" for k, v in value.items())
         elif isinstance(value, (list, tuple)):
             yield from zip((key, *[""] * len(value)), value or ("none",))
-        else:
-            yield key, value
+        elif key != "schema":
+            yield _WORDS.get(key, key), value
 
 
 def _brief(value: object) -> str:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from contextlib import contextmanager
-from typing import Any, Callable, Iterator
+from typing import Any, Callable, Iterator, Sequence
 
-__all__ = ["complain", "say", "stages"]
+__all__ = ["complain", "complain_of", "say", "show_json", "stages"]
 
 _LONGEST_WORD = 400
 
@@ -15,6 +16,16 @@ def complain(error: object, status: int) -> int:
     """Print an error as one line on stderr and return the exit status."""
     print(f"quantify-client: error: {_line(error)}", file=sys.stderr)
     return status
+
+
+def complain_of(errors: Sequence[object]) -> int:
+    """Print a line for each error; return 1, or 0 where there are none."""
+    return max((complain(error, 1) for error in errors), default=0)
+
+
+def show_json(document: object) -> None:
+    """Print a document on stdout."""
+    print(json.dumps(document, indent=2, allow_nan=False))
 
 
 def say(text: object) -> None:

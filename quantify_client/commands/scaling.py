@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
-from typing import Any, Mapping, Optional, Sequence, Tuple
+from typing import Optional, Sequence
 
 from rich.console import Console
 
@@ -14,18 +13,14 @@ from ..files.reading import real_path
 from ..files.writing import require_replaceable
 from ..pipeline.control.control_alone import convert_control
 from ..pipeline.control.scale import scale
-from ..report import (
-    control_document,
-    print_control,
-    print_scaling,
-    scale_document,
-    write_scale_page,
-)
+from ..report.terminal.control import control_document, print_control
+from ..report.terminal.scaling import print_scaling
 from ..report.wording.words import printable
-from ..types import Scaled, Scaling
+from ..report.write import write_scale_page
+from ..types import Scaled, document
 from .credentials import access_of
 from .measuring import options_of
-from .messages import complain, stages
+from .messages import complain_of, show_json, stages
 
 __all__ = ["gcp", "scale_cloud"]
 
@@ -40,7 +35,7 @@ def scale_cloud(given: argparse.Namespace) -> int:
         def beside(scaled: Scaled, folder: Path) -> Sequence[str]:
             name = _page(given.out).name
             progress("drawing", 0.0)
-            write_scale_page(*_about(scaled), folder / name, given.units, out=scaled.out)
+            write_scale_page(scaled, folder / name, given.units)
             progress("drawing", 1.0)
             return [name]
 
@@ -53,13 +48,12 @@ def scale_cloud(given: argparse.Namespace) -> int:
             **options_of(given),
         )
     if given.json:
-        document = scale_document(*_about(scaled), scaled.out, scaled.areas, scaled.failures)
-        print(json.dumps(document, indent=2, allow_nan=False))
+        show_json(document(scaled))
     else:
         _show(scaled, page, given.units)
-    for failure in scaled.failures:
-        complain(f"{failure.name}: {failure.error}; it is not among the moved polygons", 1)
-    return 1 if scaled.failures else 0
+    return complain_of(
+        [f"{f.name}: {f.error}; it is not among the moved polygons" for f in scaled.failures]
+    )
 
 
 def _show(scaled: Scaled, page: Optional[Path], units: str) -> None:
@@ -71,10 +65,6 @@ def _show(scaled: Scaled, page: Optional[Path], units: str) -> None:
         print(f"Report: {printable(page)}")
     if scaled.areas is not None:
         print(f"Polygons: {printable(scaled.areas)}")
-
-
-def _about(scaled: Scaled) -> Tuple[Scaling, str, Mapping[str, Any], Sequence[str]]:
-    return scaled.scaling, scaled.source, scaled.provenance, scaled.warnings
 
 
 def _page(out: Path) -> Path:
@@ -92,9 +82,7 @@ def gcp(given: argparse.Namespace) -> int:
         raise UsageError("--out goes with --to odm: add it, or leave both out")
     account = convert_control(given.file, to=given.to, out=given.out)
     if given.json:
-        print(json.dumps(control_document(account), indent=2, allow_nan=False))
+        show_json(control_document(account))
     else:
         print_control(account, Console(), units=given.units)
-    for fault in account.faults:
-        complain(f"{account.source}: {fault}", 1)
-    return 1 if account.faults else 0
+    return complain_of([f"{account.source}: {fault}" for fault in account.faults])

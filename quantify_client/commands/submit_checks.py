@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -19,14 +18,14 @@ from ..jobs.job import GCP_NAME
 from ..options import choose_shape, read_options
 from ..pipeline.control.control_alone import ControlPlan, plan_control
 from ..pipeline.same_site import AreaPlan, compare_areas, require_control_near
-from ..report import require_writable
 from ..report.wording.words import printable
+from ..report.write import require_writable
 from ..sfm.photos.check import PhotoSummary, check_photos
 from ..types import SCHEMA, Notice, warnings_json
 from .credentials import access_of, node_token
 from .job_options import FILES, REPORT
 from .measuring import inputs_of, options_of
-from .messages import complain, say
+from .messages import complain_of, say, show_json
 
 __all__ = ["Checked", "check", "show_checked"]
 
@@ -206,13 +205,11 @@ def show_checked(found: Checked, given: argparse.Namespace) -> int:
     told = [str(fault) for fault in found.faults]
     told += [f"{area.name}: {area.error}" for area in failures]
     if given.json:
-        print(json.dumps(_document(found, told), indent=2, allow_nan=False))
+        show_json(_document(found, told))
     else:
         for line in (*found.lines(), "Nothing was sent (--dry-run)."):
             print(printable(line))
-    for line in told:
-        complain(line, 1)
-    return 1 if told else 0
+    return complain_of(told)
 
 
 def _document(found: Checked, told: List[str]) -> Mapping[str, Any]:

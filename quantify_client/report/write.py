@@ -7,11 +7,11 @@ import json
 import os
 import re
 from pathlib import Path
-from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Union
+from typing import Dict, Iterator, List, Sequence, Union
 
-from ..errors import OutputError
-from ..files.writing import is_ours, put_in_place, require_replaceable, scratch, staging
-from ..types import AreaResult, Measurement, Scaling
+from ..errors import OutputError, require_installed
+from ..files.writing import is_ours, put_in_place, require_replaceable, staging
+from ..types import AreaResult, Measurement, Scaled
 from .document.geojson import to_geojson
 from .document.measurement import to_json
 from .document.slices_csv import write_slices
@@ -37,7 +37,8 @@ def write_report(
 
     Returns
     -------
-    The files. Raises OutputError when the folder cannot be written.
+    The files. Raises OutputError when the folder cannot be written, MissingExtraError when there is
+    no matplotlib.
     """
     shown = display_units(measurement, units)
     out = Path(out)
@@ -69,52 +70,30 @@ def require_writable(out: Path, inputs: Sequence[Union[str, Path, None]] = ()) -
         raise EnoughError
 
 
-def write_scale_report(
-    scaling: Scaling,
-    source: str,
-    provenance: Mapping[str, Any],
-    warnings: Sequence[str],
-    path: Path,
-    units: str = "metric",
-    *,
-    out: Optional[Union[str, Path]] = None,
-) -> None:
+def write_scale_report(scaled: Scaled, path: Path, units: str = "metric") -> None:
     """Write one HTML file with its picture inside; an earlier one is replaced only when complete.
 
-    `units` of what people read is ``"metric"`` or ``"us"``; `out` is the scaled cloud that was
-    written. Raises OutputError when the file cannot be written, or would replace one that is no
-    earlier report.
+    `units` of what people read is ``"metric"`` or ``"us"``. Raises OutputError when the file cannot
+    be written, or would replace one that is no earlier report.
     """
     with _explained(f"as {printable(path)}", "name"):
         require_replaceable(path)
         with staging(path.parent) as working:
-            page = working / path.name
-            write_scale_page(scaling, source, provenance, warnings, page, units, out=out)
+            write_scale_page(scaled, working / path.name, units)
             put_in_place(working, [path.name])
 
 
-def write_scale_page(
-    scaling: Scaling,
-    source: str,
-    provenance: Mapping[str, Any],
-    warnings: Sequence[str],
-    path: Path,
-    units: str = "metric",
-    *,
-    out: Optional[Union[str, Path]] = None,
-) -> None:
+def write_scale_page(scaled: Scaled, path: Path, units: str = "metric") -> None:
     """Write the same file into a working folder; OSError when it cannot be written."""
+    require_installed("matplotlib", "a report")
     # Late: matplotlib is slow to load, and JSON needs none.
-    from .figures.control.figure import scale_plan
+    from .figures.control.figure import scale_picture
     from .page.page import render_scale_html
 
     shown = named_units(units)
-    with scratch() as folder:
-        picture = folder / "scale.png"
-        scale_plan(scaling, picture, shown)
-        page = render_scale_html(scaling, source, provenance, warnings, shown, picture, out)
-        with path.open("w", encoding="utf-8") as file:
-            file.writelines(page)
+    picture = scale_picture(scaled.scaling, shown)
+    with path.open("w", encoding="utf-8") as file:
+        file.writelines(render_scale_html(scaled, shown, picture))
 
 
 @contextlib.contextmanager
@@ -133,6 +112,7 @@ def _explained(where: str, other: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _folder_explained(out: Path) -> Iterator[None]:
+    require_installed("matplotlib", "a report")
     with _explained(f"into {printable(out)}", "--out"):
         if out.exists() and not out.is_dir():
             raise OutputError(f"{printable(out)} is a file, not a folder; give another --out.")
@@ -146,7 +126,7 @@ def _write_all(measurement: Measurement, working: Path, units: Units) -> List[st
         write_slices(measurement, file)
     _write_json(working / "areas.geojson", to_geojson(measurement))
     # Late: matplotlib is slow to load, and JSON needs none.
-    from .figures.control.figure import scale_plan
+    from .figures.control.figure import scale_picture
     from .figures.pictures import area_picture, overview_picture
     from .page.page import render_html
 
@@ -163,7 +143,7 @@ def _write_all(measurement: Measurement, working: Path, units: Units) -> List[st
         overview.write_bytes(png)
     if measurement.scale is not None:
         scale = _free(working, "scale")
-        scale_plan(measurement.scale, scale, ground_units(units))
+        scale.write_bytes(scale_picture(measurement.scale, ground_units(units)))
     with (working / "report.html").open("w", encoding="utf-8") as file:
         file.writelines(render_html(measurement, units, pictures, overview, scale))
     drawn = [path.name for path in (scale, overview, *pictures.values()) if path is not None]

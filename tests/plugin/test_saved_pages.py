@@ -12,9 +12,10 @@ from quantify_client import measure, to_json
 from quantify_client.crs import geometry_to_wgs84
 from quantify_client.errors import InputError
 from quantify_client.report.document.geojson import to_geojson
-from quantify_client.report.document.measurement import scale_json
 from quantify_client.report.document.saved_export import exported, file_name, saved_measurement
 from quantify_client.report.document.slices_csv import write_slices
+from quantify_client.types import Scaling
+from quantify_client.types.json_records import record_of
 from quantify_client.webmap.clicked import bars_control
 from quantify_client.webmap.layers import map_layers
 
@@ -66,7 +67,10 @@ def test_numbers_come_back_as_they_were(scaled):
     again = to_json(saved_measurement(document))
     for key in ("results", "crs", "length_unit", "shape", "method", "grid_scale_factor"):
         assert again[key] == document["measurement"][key]
-    assert scale_json(saved_measurement(document).scale) == document["measurement"]["scale"]
+    assert (
+        record_of(Scaling).write(saved_measurement(document).scale)
+        == document["measurement"]["scale"]
+    )
 
 
 def test_page_shows_picture_scale_bases_and_who_saved_it(scaled):

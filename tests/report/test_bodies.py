@@ -11,7 +11,7 @@ from typing import Any, List, Tuple
 import numpy as np
 import pytest
 
-from quantify_client.report import to_json, write_report
+from quantify_client import to_json, write_report
 from quantify_client.report.document.geojson import to_geojson
 from quantify_client.report.document.slices_csv import write_slices
 from quantify_client.report.wording.units import METRIC

@@ -17,9 +17,9 @@ import numpy as np
 import pytest
 import shapely
 
+from quantify_client import to_json
 from quantify_client.crs import Frame
 from quantify_client.errors import CrsError
-from quantify_client.report import to_json
 from quantify_client.report.document import geojson
 from quantify_client.report.document.slices_csv import write_slices
 from quantify_client.types import Slice

@@ -33,7 +33,7 @@ def test_the_terminal_has_one_line_for_a_kind() -> None:
     assert "Warning: B: 12 m\u00b2 of the area" in shown
 
 
-def test_the_page_has_one_line_for_a_kind_and_in_each_area_what_is_only_its_own() -> None:
+def test_the_page_tells_all_warnings_at_the_top_and_each_areas_own_with_it() -> None:
     measurement = several()
     page = html.unescape("".join(render_html(measurement, display_units(measurement, "us"), {})))
     assert page.count("points support") == 1
@@ -41,7 +41,8 @@ def test_the_page_has_one_line_for_a_kind_and_in_each_area_what_is_only_its_own(
     assert "in 2 areas (A, B): points support 69 to 93% of the area" in before
     assert "130 ft\u00b2 of the area lie beyond" in areas[1]
     assert "a channel of 1.3 ft over 8.2 ft" in areas[2]
-    assert not any("channel" in part for part in (before, areas[0], areas[1]))
+    assert "C: the outline crosses a channel of 1.3 ft over 8.2 ft" in before
+    assert not any("channel" in part for part in (areas[0], areas[1]))
 
 
 def test_one_area_needs_no_name() -> None:

@@ -12,8 +12,8 @@ import pytest
 from rich.console import Console
 
 from quantify_client.errors import InputError
-from quantify_client.report import print_table
 from quantify_client.report.page.page import render_html
+from quantify_client.report.terminal.results import print_table
 from quantify_client.report.wording.units import (
     MINUS,
     NOTHING,

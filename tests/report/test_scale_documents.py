@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, Dict, Optional
 
 import jsonschema
 import pytest
 
-from quantify_client.report import scale_document, scale_json, to_json
-from quantify_client.types import Scaling
+from quantify_client import to_json, types
+from quantify_client.types import Scaled, Scaling
+from quantify_client.types.json_records import record_of
 
 from . import scalings, surveys
 from .schemas import closed, schema, valid
@@ -27,8 +27,8 @@ OBSERVATION_KEYS = (
 ).split()
 
 
-def document(scaling: Scaling, out: Optional[Path] = None) -> Dict[str, Any]:
-    return scale_document(scaling, "all.zip", PROVENANCE, ("a warning",), out)
+def document(scaling: Scaling, out: Optional[str] = None) -> Dict[str, Any]:
+    return types.document(Scaled("all.zip", scaling, out, ("a warning",), PROVENANCE))
 
 
 CASES = [
@@ -48,12 +48,12 @@ def test_documents_follow_their_schemas(scaling: Scaling) -> None:
 
 
 def test_keys_are_those_of_the_design() -> None:
-    made = document(scalings.everything(), Path("out/scaled.laz"))
+    made = document(scalings.everything(), "out/scaled.laz")
     assert next(iter(made)) == "schema"
     assert set(made) == {
         *("schema", "source", "scale", "out", "areas", "failures", "warnings", "provenance"),
     }
-    assert made["out"] == str(Path("out/scaled.laz"))
+    assert made["out"] == "out/scaled.laz"
     assert set(made["scale"]) == set(KEYS)
     for row in made["scale"]["observations"]:
         where = {"from", "to"} if row["kind"] in ("distance", "scale_bar") else {"point"}
@@ -61,7 +61,7 @@ def test_keys_are_those_of_the_design() -> None:
 
 
 def test_numbers_are_those_of_the_scaling() -> None:
-    scale = scale_json(scalings.everything())
+    scale = record_of(Scaling).write(scalings.everything())
     wrong = next(row for row in scale["observations"] if row["outlier"])
     assert (wrong["from"], wrong["to"]) == ("A", "C")
     assert wrong["residual"] == 0.31

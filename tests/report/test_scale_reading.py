@@ -12,11 +12,11 @@ import pytest
 from rich.console import Console
 
 from quantify_client.errors import InputError, OutputError
-from quantify_client.report import print_scaling, write_scale_report
 from quantify_client.report.page import page as page_module
 from quantify_client.report.page.markup import Markup, details, join, tag
 from quantify_client.report.page.page import render_html
 from quantify_client.report.page.scaling import scale_section
+from quantify_client.report.terminal.scaling import print_scaling
 from quantify_client.report.wording.scaling import (
     error_words,
     factor_words,
@@ -26,7 +26,8 @@ from quantify_client.report.wording.scaling import (
     worst,
 )
 from quantify_client.report.wording.units import METRIC, THIN_SPACE, US
-from quantify_client.types import DirectHeight, Scaling
+from quantify_client.report.write import write_scale_report
+from quantify_client.types import DirectHeight, Scaled, Scaling
 
 from . import scalings, surveys
 from .test_reading import HOSTILE_TEXTS, Tags
@@ -190,9 +191,9 @@ def test_a_terminal_without_unicode_gets_ascii() -> None:
 
 
 def write(scaling: Scaling, tmp_path: Path, **changes: Any) -> str:
-    known = {"source": "all.zip", "provenance": {"version": "0.1.0"}, "warnings": (), **changes}
-    path = tmp_path / "scale.html"
-    write_scale_report(scaling, path=path, **known)
+    path, units = tmp_path / "scale.html", changes.pop("units", "metric")
+    scaled = Scaled("all.zip", scaling, None, (), {"version": "0.1.0"})
+    write_scale_report(replace(scaled, **changes), path, units)
     assert [p.name for p in tmp_path.iterdir()] == ["scale.html"]
     return path.read_text("utf-8")
 
@@ -324,4 +325,4 @@ def test_a_page_that_cannot_be_written_is_refused_in_words(tmp_path: Path) -> No
     (tmp_path / "scale.html").mkdir()
     for path in (tmp_path / "scale.html", tmp_path / "no" / "such" / "x.html"):
         with pytest.raises(OutputError, match="another name|name of a file"):
-            write_scale_report(scalings.least(), "a", {}, (), path)
+            write_scale_report(Scaled("a", scalings.least(), None, (), {}), path)

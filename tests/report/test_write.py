@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import errno
 import json
+import sys
 from pathlib import Path
 from typing import Any, Dict, Iterator
 
 import pytest
 from PIL import Image
 
-from quantify_client.errors import OutputError
-from quantify_client.report import write_report
+from quantify_client import write_report
+from quantify_client.errors import MissingExtraError, OutputError
 from quantify_client.report.page import page as htmlout
+from quantify_client.report.write import require_writable
 
 from . import surveys
 
@@ -155,3 +157,16 @@ def test_a_folder_in_the_place_of_a_file_is_refused(earlier: Path) -> None:
 def test_a_measurement_of_failures_only_is_reported(tmp_path: Path) -> None:
     written = write_report(surveys.measurement(surveys.failure()), tmp_path)
     assert [path.name for path in written] == [n for n in NAMES if not n.endswith(".png")]
+
+
+def test_without_matplotlib_a_report_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    for write in (
+        lambda: write_report(surveys.measurement(surveys.pile()), tmp_path / "out"),
+        lambda: require_writable(tmp_path / "out"),
+    ):
+        with pytest.raises(MissingExtraError, match="a report needs matplotlib, .*pip install mat"):
+            write()
+    assert list(tmp_path.iterdir()) == []

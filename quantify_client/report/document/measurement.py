@@ -8,13 +8,12 @@ quantify_client.report.document.schemas``.
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
-from typing import Any, Dict, Mapping, Optional, Sequence, Union
+from typing import Any, Dict, Mapping
 
-from ...types import AreaFailure, AreaResult, Measurement, Scaled, Scaling, document
+from ...types import AreaResult, Measurement, document
 from ...types.json_records import record_of
 
-__all__ = ["flat_properties", "scale_document", "scale_json", "to_json"]
+__all__ = ["flat_properties", "to_json"]
 
 
 def to_json(measurement: Measurement) -> Dict[str, Any]:
@@ -27,28 +26,6 @@ def to_json(measurement: Measurement) -> Dict[str, Any]:
     scaling = () if measurement.scale is None else measurement.scale.warnings
     warnings = list(dict.fromkeys([*measurement.warnings, *scaling]))
     return document(replace(measurement, warnings=warnings))
-
-
-def scale_json(scaling: Scaling) -> Dict[str, Any]:
-    """Return a scaling in JSON's own types; a residual is adjusted - observed, NaN is null."""
-    return record_of(Scaling).write(scaling)
-
-
-def scale_document(
-    scaling: Scaling,
-    source: str,
-    provenance: Mapping[str, Any],
-    warnings: Sequence[str],
-    out: Optional[Union[str, Path]],
-    areas: Optional[str] = None,
-    failures: Sequence[AreaFailure] = (),
-) -> Dict[str, Any]:
-    """Return the document of the ``scale`` command.
-
-    `out` is the scaled cloud that was written, `areas` the moved polygons; else None.
-    """
-    path = None if out is None else str(out)
-    return document(Scaled(source, scaling, path, warnings, provenance, areas, failures))
 
 
 def flat_properties(row: Mapping[str, Any]) -> Dict[str, Any]:

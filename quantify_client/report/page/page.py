@@ -8,11 +8,12 @@ from __future__ import annotations
 import html
 import json
 import string
+from collections import Counter
 from importlib import resources
 from pathlib import Path
-from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple, Union
+from typing import Any, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
 
-from ...types import AreaFailure, AreaResult, Measurement, Scaling, plain
+from ...types import AreaFailure, AreaResult, Measurement, Scaled, plain
 from ..wording.notices import in_units, kind_of, lines_of_kinds, warnings_of_results
 from ..wording.scaling import factor_words
 from ..wording.units import NOTHING, Units
@@ -46,9 +47,11 @@ def render_html(
     yield _header("Volume report", measurement.source, _chips(measurement, units), warnings)
     if scale is not None:
         yield scale_section(scale, units, scale_picture)
-    shared, own = _warnings(measurement, units)
+    of_areas = warnings_of_results(measurement, units)
+    own = _own(of_areas)
     if len(measurement.results) > 1:
-        yield _summary(measurement, units, overview, shared, bodies=views > 0)
+        lines = lines_of_kinds(of_areas, named=True)
+        yield _summary(measurement, units, overview, lines, bodies=views > 0)
     for index, result in enumerate(measurement.results):
         if isinstance(result, AreaFailure):
             reason = join("Not measured: ", in_units(result.error, units))
@@ -59,7 +62,8 @@ def render_html(
             from .view import view_markup  # late: it draws, and most pages have nothing to turn
 
             view = view_markup(result, units, north=bool(measurement.crs), views=views)
-        above, below = result_body(result, units, own.get(result.name, []))
+        said = [text for name, text in own if name == result.name]
+        above, below = result_body(result, units, said)
         words = f"{volume_word(result)} of {result.name}: views"
         yield _card(index, result, above, figure(pictures.get(index), words), view, below)
     yield _provenance(measurement.provenance, measurement.crs)
@@ -70,49 +74,29 @@ def render_html(
     yield END
 
 
-def render_scale_html(
-    scaling: Scaling,
-    source: str,
-    provenance: Mapping[str, Any],
-    warnings: Sequence[str],
-    units: Units,
-    picture: Optional[Path],
-    out: Union[str, Path, None] = None,
-) -> Iterator[str]:
-    """Yield the page of a scaling alone, in pieces.
-
-    `picture` is a PNG file; `out` is the scaled cloud that was written.
-    """
+def render_scale_html(scaled: Scaled, units: Units, picture: bytes) -> Iterator[str]:
+    """Yield the page of a scaling alone, in pieces; `picture` is a PNG."""
+    scaling = scaled.scaling
     chips = [
         ("CRS", crs_words(scaling.target_crs)),
         ("Units", units.length),
         ("Mode", scaling.mode),
     ]
-    if out is not None:
-        chips.append(("Scaled cloud", str(out)))
+    if scaled.out is not None:
+        chips.append(("Scaled cloud", scaled.out))
     # Those of the scaling itself are in its card.
-    others = [warning for warning in warnings if warning not in scaling.warnings]
-    yield _top(f"Scale: {source}")
-    yield _header("Scale report", source, chips, others)
+    others = [warning for warning in scaled.warnings if warning not in scaling.warnings]
+    yield _top(f"Scale: {scaled.source}")
+    yield _header("Scale report", scaled.source, chips, others)
     yield scale_section(scaling, units, picture)
-    yield _provenance(provenance, scaling.target_crs)
+    yield _provenance(scaled.provenance, scaling.target_crs)
     yield END
 
 
-def _warnings(measurement: Measurement, units: Units) -> Tuple[List[str], Dict[str, List[str]]]:
-    """Return one line for each kind of warning of several areas, and the others of each area."""
-    every = warnings_of_results(measurement, units)
-    areas: Dict[str, Set[str]] = {}
-    for name, sentence in every:
-        areas.setdefault(kind_of(sentence), set()).add(name)
-    shared: List[Tuple[str, str]] = []
-    own: Dict[str, List[str]] = {}
-    for name, sentence in every:
-        if len(areas[kind_of(sentence)]) > 1:
-            shared.append((name, sentence))
-        else:
-            own.setdefault(name, []).append(sentence)
-    return lines_of_kinds(shared, named=True), own
+def _own(warnings: Sequence[Tuple[str, str]]) -> List[Tuple[str, str]]:
+    """Return the warnings whose kind only one area has, each with that area's name."""
+    areas = Counter(kind for _, kind in {(name, kind_of(text)) for name, text in warnings})
+    return [(name, text) for name, text in warnings if areas[kind_of(text)] == 1]
 
 
 def _top(title: str, views: int = 0) -> str:
@@ -156,11 +140,11 @@ def _summary(
     measurement: Measurement,
     units: Units,
     overview: Optional[Path],
-    shared: Sequence[str],
+    warnings: Sequence[str],
     *,
     bodies: bool,
 ) -> str:
-    """Return the table of all areas, with links to them, and warnings of several areas."""
+    """Return the table of all areas, with links to them, and all their warnings."""
     unit = units.volume
     title, head = "All areas", ["Area", "Net", f"Cut, {unit}", f"Fill, {unit}"]
     if bodies:
@@ -180,7 +164,7 @@ def _summary(
                 cells[2:] = [height, units.area_text(result.surface_area_m2)]
         rows.append([link, *cells])
     drawn = Markup() if bodies else figure(overview, "Plan of all areas")
-    parts = (tag("h2", title), table(head, rows), note(shared), drawn)
+    parts = (tag("h2", title), table(head, rows), note(warnings), drawn)
     return tag("section", *parts, class_="card") + "\n"
 
 

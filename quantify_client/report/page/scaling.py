@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import List, Optional, Sequence
+from typing import List, Sequence, Union
 
 from ...types import ControlledPoint, Scaling
 from ..wording.scaling import (
@@ -32,8 +32,8 @@ LONG = 16  # rows from which on a table is folded away
 BREAK = Markup("<br>")
 
 
-def scale_section(scaling: Scaling, units: Units, picture: Optional[Path]) -> str:
-    """Return the card of a scaling; `picture` is a PNG file."""
+def scale_section(scaling: Scaling, units: Units, picture: Union[Path, bytes, None]) -> str:
+    """Return the card of a scaling; `picture` is a PNG file, or what is in one."""
     units = ground_units(units)
     factor, _, spread = factor_words(scaling).partition(" \u00b1 ")
     error = error_words(scaling)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any, Dict, Sequence
 
 from rich.console import Console
@@ -17,8 +16,7 @@ __all__ = ["control_document", "print_control"]
 
 def control_document(account: ControlAccount) -> Dict[str, Any]:
     """Return the document of the ``gcp`` command; keys are the fields of `ControlAccount`."""
-    document = {"schema": SCHEMA, **plain(dataclasses.asdict(account))}
-    return {**document, "warnings": warnings_json(account.warnings)}
+    return {"schema": SCHEMA, **plain(account), "warnings": warnings_json(account.warnings)}
 
 
 def print_control(account: ControlAccount, console: Console, *, units: str = "metric") -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any, List, Sequence, Tuple
 
 import numpy as np
@@ -42,7 +41,7 @@ from ..look import (
 from .map import draw_colours, draw_legend, draw_map
 from .plan import ControlPlan, control_plan
 
-__all__ = ["scale_plan", "scale_png"]
+__all__ = ["scale_picture"]
 
 LEFT, WIDE = 0.85, 7.9  # of the plan, inches
 PANELS, NARROW = 10.75, 2.95  # of the two panels
@@ -63,13 +62,8 @@ KIND_COLOURS = {
 }
 
 
-def scale_plan(scaling: Scaling, path: Path, units: Units) -> None:
-    """Draw a scaling into a PNG file."""
-    path.write_bytes(scale_png(scaling, units))
-
-
-def scale_png(scaling: Scaling, units: Units) -> bytes:
-    """Draw the control in plan and two panels; without a plan, the panels alone."""
+def scale_picture(scaling: Scaling, units: Units) -> bytes:
+    """Draw the control in plan and two panels as a PNG; without a plan, the panels alone."""
     with style():
         plan = control_plan(scaling, units)
         figure = _panels_only(scaling) if plan is None else _with_plan(scaling, plan, units)
