@@ -7,7 +7,6 @@ what is not is refused with a reason. Whether a polygon can be measured is decid
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import dataclass, field, replace
 from numbers import Real
@@ -18,7 +17,7 @@ import numpy as np
 import shapely
 
 from ..errors import AreaError
-from ..files.reading import read_small
+from ..files.reading import parsed_json, read_small
 from ..types import MAX_COORDINATE, FloatArray
 
 __all__ = [
@@ -78,19 +77,8 @@ def read_geojson(path: Path) -> List[DrawnPolygon]:
     data = check_file(path)
     if max(data.count(b"["), data.count(b"{")) > 2 * MAX_VERTICES:
         raise _too_many(path.name)
-    try:
-        document = json.loads(data)
-    except RecursionError:
-        raise AreaError(f"{path.name} is nested too deeply for GeoJSON; export it again") from None
-    except UnicodeDecodeError:
-        raise AreaError(f"{path.name} is not in UTF-8; save it as UTF-8") from None
-    except json.JSONDecodeError as error:
-        raise AreaError(
-            f"{path.name} is not valid JSON (line {error.lineno}, column {error.colno}: "
-            f"{error.msg}); expected a GeoJSON file with polygons"
-        ) from None
-    except ValueError as error:  # an integer of thousands of digits
-        raise AreaError(f"{path.name} holds a number that is none: {error}") from None
+    what = "a GeoJSON file with polygons"
+    document = parsed_json(data, path.name, what=what, error=AreaError)
     return geojson_polygons(document, path.name)
 
 

@@ -14,15 +14,23 @@ reader that opens files through such a library (GDAL, by pyogrio or rasterio):
 
 from __future__ import annotations
 
+import json
 import os
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Iterator, Optional, Sequence, Type, Union
+from typing import Any, Iterator, Optional, Sequence, Type, Union
 
 from ..errors import InputError, QuantifyError
 from .writing import scratch
 
-__all__ = ["count_values", "private_copy", "read_small", "real_path", "require_signature"]
+__all__ = [
+    "count_values",
+    "parsed_json",
+    "private_copy",
+    "read_small",
+    "real_path",
+    "require_signature",
+]
 
 #: Each has a zero byte early on, so that no search for text gets beyond it.
 _SIGNATURES = {
@@ -93,6 +101,23 @@ def read_small(
         if start.startswith(beginnings):
             raise error(f"{name} {found.format(what=what)}")
     return data
+
+
+def parsed_json(data: bytes, name: object, *, what: str, error: Type[QuantifyError]) -> Any:
+    """Return the JSON that a file holds; `name`, `what` and `error` as for :func:`read_small`."""
+    try:
+        return json.loads(data)
+    except RecursionError:
+        raise error(f"{name} is nested too deeply; expected {what}: get it once more") from None
+    except UnicodeDecodeError:
+        raise error(f"{name} is not in UTF-8; expected {what}: save it as UTF-8") from None
+    except json.JSONDecodeError as fault:
+        raise error(
+            f"{name} is not valid JSON (line {fault.lineno}, column {fault.colno}: {fault.msg}); "
+            f"expected {what}: get it once more"
+        ) from None
+    except ValueError as fault:  # an integer of thousands of digits
+        raise error(f"{name} holds a number that is none ({fault}); expected {what}") from None
 
 
 def count_values(data: bytes) -> int:

@@ -5,13 +5,12 @@ Numbers are checked where they are used: ODM itself writes NaN into fields that 
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import Any, List, Mapping, Optional, Tuple
 
 from ...errors import ControlError
-from ...files.reading import count_values, read_small
+from ...files.reading import count_values, parsed_json, read_small
 
 __all__ = ["features", "is_number", "numbers", "read_object", "shown"]
 
@@ -37,21 +36,7 @@ def read_object(path: Path, expected: str) -> Mapping[str, Any]:
     data = read_small(path, most=MAX_BYTES, what=expected, error=ControlError)
     if count_values(data) > _MAX_VALUES:
         raise ControlError(f"{path}: holds more than {_MAX_VALUES:,} values; expected {expected}")
-    try:
-        document = json.loads(data.decode("utf-8-sig"))
-    except RecursionError:
-        raise ControlError(f"{path}: is nested too deeply; expected {expected}") from None
-    except UnicodeDecodeError:
-        raise ControlError(f"{path}: is not in UTF-8; expected {expected}") from None
-    except json.JSONDecodeError as error:
-        raise ControlError(
-            f"{path}: is not valid JSON (line {error.lineno}, column {error.colno}: {error.msg}); "
-            f"expected {expected}: download it again"
-        ) from None
-    except ValueError as error:  # an integer of thousands of digits
-        raise ControlError(
-            f"{path}: holds a number that is none ({error}); expected {expected}"
-        ) from None
+    document: Any = parsed_json(data, path, what=expected, error=ControlError)
     if not isinstance(document, dict):
         raise ControlError(f"{path}: holds no JSON object; expected {expected}")
     return document
