@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Callable, Mapping, Optional, Tuple, Union
+from typing import Annotated, Any, Callable, Mapping, Optional, Tuple, Union
 
 from ..sfm.servers.access import Access
 from ..sfm.servers.nodeodm import NodeClient
 from ..sfm.servers.webodm_tasks import WebODMTasks
+from ..types.json_records import Length
+from ..types.shapes import Text, Whole
+from .journal_format import ADDRESS, FILE_NAME, OPTIONS, PLACE, THEN, TIME, UUID
 
 __all__ = [
     "NODE",
@@ -28,16 +31,17 @@ GCP_NAME = "gcp_list.txt"  # the copy of the control that is sent
 STATES = READY, UPLOADING, COMMITTING, WAITING, FETCHING, DONE, CANCELLED, SPOILED = (
     *("ready", "uploading", "committing", "waiting", "fetching", "done", "cancelled", "spoiled"),
 )
+Count = Annotated[int, Whole(0)]
 
 
 @dataclass(frozen=True)
 class SentFile:
     """A file as it was when the job was made; `name` is what the node is to call it."""
 
-    name: str
-    path: str
-    size: int
-    mtime_ns: int
+    name: Annotated[str, FILE_NAME]
+    path: Annotated[str, PLACE]
+    size: Count
+    mtime_ns: Annotated[int, TIME]
 
     @property
     def is_image(self) -> bool:
@@ -64,20 +68,20 @@ class Job:
     id : of the job itself, wherever its folder is moved to.
     """
 
-    url: str
+    url: Annotated[str, ADDRESS]
     name: str
-    options: Mapping[str, Any]
-    outputs: Tuple[str, ...]
-    files: Tuple[SentFile, ...]
-    then: Mapping[str, Any] = field(default_factory=dict)
-    state: str = READY
-    uuid: str = ""
-    attempt: int = 0
-    archive_bytes: Optional[int] = None
-    kind: str = NODE
-    project: Optional[int] = None
+    options: Annotated[Mapping[str, Any], OPTIONS]
+    outputs: Annotated[Tuple[str, ...], Length(100)]
+    files: Annotated[Tuple[SentFile, ...], Length(1_000_000)]
+    then: Annotated[Mapping[str, Any], THEN] = field(default_factory=dict)
+    state: Annotated[str, Text(among=STATES)] = READY
+    uuid: Annotated[str, UUID] = ""
+    attempt: Count = 0
+    archive_bytes: Optional[Count] = None
+    kind: Annotated[str, Text(among=(NODE, WEBODM))] = NODE
+    project: Optional[Count] = None
     marker: str = ""
-    id: str = ""
+    id: Annotated[str, UUID] = ""
 
     @property
     def images(self) -> int:

@@ -13,20 +13,22 @@ import shlex
 import sys
 import threading
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, Iterator, Set
+from typing import Any, Dict, Iterator, Set
 
 from ..errors import JobError, OutputError
 from ..files.reading import read_small, real_path
-from .job import ARCHIVE, GCP_NAME, JOURNAL, LOCK, SEED, Job, SentFile
-from .journal_format import require_format
+from ..types.json_records import record_of
+from .job import ARCHIVE, GCP_NAME, JOURNAL, LOCK, NODE, SEED, Job
 
 __all__ = ["SentLog", "load", "locked", "resuming", "save"]
 
 SCHEMA = "quantify-job/1"
 _to_disk = getattr(os, "fdatasync", os.fsync)  # where there is no other
 _MOST_BYTES = 256_000_000  # a million photographs
+_ALWAYS = ("state", "uuid", "attempt")  # in every journal, though a new job need not be given them
+_DROPPED = frozenset(("ca", "insecure"))  # of journals before these were the user's own to say
 
 
 def load(folder: Path) -> Job:
@@ -39,22 +41,34 @@ def load(folder: Path) -> Job:
         document = json.loads(data)
         if not isinstance(document, dict) or document.pop("schema", None) != SCHEMA:
             raise ValueError(f"expected the schema {SCHEMA}")
-        require_format(document)
+        job = _job(document)
     except (ValueError, RecursionError) as error:
         said = str(error) if not isinstance(error, (json.JSONDecodeError, UnicodeError)) else ""
         raise JobError(
             f"{path}: is not the journal of a job, or damaged, or of a newer version "
             f"({said or 'no JSON'}); submit again into another folder"
         ) from None
-    known = {item.name for item in fields(Job)}
-    document = {name: value for name, value in document.items() if name in known}
-    files = [SentFile(**item) for item in document["files"]]
     # Our own copy of the control is in the job's folder, wherever that has been moved to.
     kept = str(real_path(folder) / GCP_NAME)
-    document["files"] = tuple(
-        replace(file, path=kept) if file.name == GCP_NAME else file for file in files
-    )
-    return Job(**{**document, "outputs": tuple(document["outputs"])})
+    files = (replace(file, path=kept) if file.name == GCP_NAME else file for file in job.files)
+    return replace(job, files=tuple(files))
+
+
+def _job(document: Dict[str, Any]) -> Job:
+    """Return what a journal holds; ValueError, which says in words what is wrong with it."""
+    record = record_of(Job)
+    unknown = sorted(document.keys() - record.fields.keys() - _DROPPED)
+    if unknown:
+        raise ValueError(f"it holds {unknown[0][:60]!r}, which this version does not know")
+    missing = [name for name in _ALWAYS if name not in document]
+    if missing:
+        raise ValueError(f"job lacks {missing[0]!r}")
+    job: Job = record.read(record.clean(document, "job"))
+    if len({file.name.casefold() for file in job.files}) < len(job.files):
+        raise ValueError("two of its files have the same name")
+    if (job.kind == NODE) != (job.project is None):
+        raise ValueError(f"its project is {job.project}, which its server is not")
+    return job
 
 
 def resuming(folder: Path, *options: str) -> str:

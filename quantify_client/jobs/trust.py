@@ -50,21 +50,16 @@ class Confirmed:
 
 
 @dataclass(frozen=True)
-class Trust:
-    """What may be done for a job.
+class Trust(Confirmed):
+    """What may be done for a job: what was confirmed, with what the user's record of it adds.
 
     Attributes
     ----------
-    is_own : whether this user made it, as its journal has it.
-    images : files and folders whose photographs may be sent; all that the journal has where the
-        job is the user's own.
-    ca, insecure : as in `Confirmed`.
+    is_own : whether this user made it, as its journal has it; then all the photographs that the
+        journal has may be sent.
     """
 
-    is_own: bool
-    images: Tuple[Path, ...] = ()
-    ca: Optional[Path] = None
-    insecure: bool = False
+    is_own: bool = False
 
     def refusal(self, file: SentFile) -> Optional[str]:
         """Return why a file may not be sent; None when it may."""
@@ -146,8 +141,9 @@ def trusted_with(folder: Path, job: Job, confirmed: Confirmed, *, anew: bool = F
         )
     kept = (record or {}).get("ca")
     ca = Path(kept) if kept and not confirmed.insecure else None
-    images = tuple(real_path(image) for image in confirmed.images)
-    return Trust(record is not None, images, confirmed.ca or ca, confirmed.insecure)
+    images = [real_path(image) for image in confirmed.images]
+    ca = confirmed.ca or ca
+    return Trust(confirmed.url, images, ca, confirmed.insecure, is_own=record is not None)
 
 
 def _record(job: Job) -> Optional[Mapping[str, Any]]:

@@ -1,13 +1,14 @@
 """The journal: whole or not at all, and never more certain than the truth."""
 
+import json
 import os
 import threading
 from uuid import uuid4
 
 import pytest
 
-from quantify_client.errors import OutputError
-from quantify_client.jobs.job import Job
+from quantify_client.errors import JobError, OutputError
+from quantify_client.jobs.job import Job, SentFile
 from quantify_client.jobs.journal import SentLog, load, save
 
 JOB = Job("http://host", "n", {"dsm": True}, (), ())
@@ -17,6 +18,34 @@ def test_job_comes_back_as_it_was_saved(tmp_path):
     job = save(tmp_path, JOB, state="waiting", uuid=str(uuid4()), then={"area": "a"})
     assert load(tmp_path) == job
     assert [path.name for path in tmp_path.iterdir()] == ["job.json"]
+
+
+def without(folder, *names):
+    path = folder / "job.json"
+    document = json.loads(path.read_text())
+    path.write_text(json.dumps({name: document[name] for name in document if name not in names}))
+
+
+@pytest.mark.parametrize("name", ["url", "files", "then", "state", "uuid", "attempt"])
+def test_journal_that_lacks_what_each_has_is_refused(tmp_path, name):
+    save(tmp_path, JOB, state="waiting", uuid=str(uuid4()))
+    without(tmp_path, name)
+    with pytest.raises(JobError, match=f"job lacks '{name}'"):
+        load(tmp_path)
+
+
+def test_journal_of_the_first_version_is_that_of_a_node(tmp_path):
+    save(tmp_path, JOB)
+    without(tmp_path, "id", "kind", "project", "marker", "archive_bytes")
+    assert load(tmp_path) == JOB
+
+
+def test_what_a_journal_says_more_of_a_file_is_left_out(tmp_path):
+    file = SentFile("a.JPG", "/a.JPG", 1, 1)
+    save(tmp_path, JOB, files=(file,))
+    text = (tmp_path / "job.json").read_text()
+    (tmp_path / "job.json").write_text(text.replace('"size"', '"colour": "red", "size"'))
+    assert load(tmp_path).files == (file,)
 
 
 def test_journal_that_cannot_be_written_leaves_the_old_one(tmp_path, monkeypatch):
