@@ -190,11 +190,7 @@ def new_job(root, about, asked):
 
 def all_jobs(root):
     """Return all jobs with what they are about, the oldest first."""
-    found = []
-    for folder in _folders(root):
-        about = folder.about()
-        if about is not None:
-            found.append((folder, about))
+    found = [(folder, about) for folder in _folders(root) if (about := folder.about()) is not None]
     return sorted(found, key=lambda job: job[1]["created"])
 
 

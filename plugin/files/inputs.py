@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 import unicodedata
 
 from ..quantify_client.types.shapes import Listed, MisshapenError, Number, Record, Text
@@ -14,6 +15,7 @@ __all__ = [
     "checked_area",
     "checked_control",
     "checked_name",
+    "in_panel_words",
 ]
 
 LIMITS = {
@@ -51,6 +53,20 @@ _BARS = Record(
 _CONTROL_NAME = Text(most=255)
 _CONTROL_ENDINGS = (".yaml", ".yml", ".json", ".csv", ".txt")
 _LON_LAT = ("CRS84", "4326")
+
+#: The panel's names of command line options that messages of the library mention.
+_FIELDS = {
+    "--crs": "\u201cCoordinate system\u201d",
+    "--vertical-unit": "\u201cUnit of heights\u201d",
+    "--source-unit": "\u201cUnit of lengths\u201d",
+    "--gcp": "control",
+}
+
+
+def in_panel_words(text):
+    """Return a message of the library with the panel's names of options."""
+    text = re.sub(r"(?<![\w-])--[a-z-]+", lambda name: _FIELDS.get(name[0], name[0]), text)
+    return re.sub(r"(?<![\w-])--(?=[a-z])", "", text)
 
 
 def checked_control(control):

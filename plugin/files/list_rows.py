@@ -23,7 +23,7 @@ from ..quantify_client.types.shapes import (
     Whole,
 )
 from .inputs import checked_name
-from .saved import HEAD, checked_document, checked_front, parsed
+from .saved import HEAD, checked_document, parsed
 from .store import read_head
 from .summary import entry_from
 from .untrusted_json import read_json_at
@@ -166,4 +166,4 @@ def _read_front(path, size, budget):
     if layers is None:
         raise TooLargeError
     budget.take(layers.start())
-    return entry_from(checked_front(parsed(data[: layers.start()] + b"}")))
+    return entry_from(checked_document(parsed(data[: layers.start()] + b"}"), front=True))

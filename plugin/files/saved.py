@@ -5,6 +5,7 @@ The file lies among the task's assets, and an imported all.zip may carry anythin
 
 import base64
 import binascii
+from functools import partial
 
 from ..quantify_client.types import Measurement
 from ..quantify_client.types.json_records import checked_document as checked_of
@@ -29,7 +30,6 @@ __all__ = [
     "HEAD",
     "SCHEMA",
     "checked_document",
-    "checked_front",
     "parsed",
     "read_document",
     "write_document",
@@ -50,14 +50,6 @@ _BYTES_PER, _FEW = {b"[": 12, b"{": 40, b",": 5}, 2000
 _NUMBER = Number()
 
 
-class _Measured(Shape):
-    """What the library measured, of any schema that it reads; the result is of today's."""
-
-    def clean(self, value, where):
-        """Return the checked document."""
-        return checked_of(Measurement, value, where)
-
-
 class _Picture(Shape):
     """A PNG in base64, by its first bytes: shown only where a picture is expected."""
 
@@ -73,15 +65,15 @@ class _Picture(Shape):
         return text
 
 
-class _Asked(Shape):
-    """What a request may ask for, too: it is measured with once more."""
+class _Checked(Shape):
+    """What a function lets pass: it takes the value and where it is."""
 
-    def __init__(self, checked):
-        self._checked = checked
+    def __init__(self, check):
+        self._check = check
 
     def clean(self, value, where):
-        """Return what the check of requests makes of it."""
-        return self._checked(value)
+        """Return what the function makes of it."""
+        return self._check(value, where)
 
 
 _LON_LAT = Listed(Number(-540, 540), 2, 2)
@@ -125,11 +117,13 @@ _FIELDS = {
     "date": Text(40),
     "task": Text(40),
     "project": Whole(0),
-    "area": Maybe(_Asked(checked_area)),
+    # As in a request: it is measured with once more.
+    "area": Maybe(_Checked(lambda value, where: checked_area(value))),
     "options": Mapped(OneOf(Flag(), _NUMBER, Text(MOST_CRS)), 40, 40),
-    "control": Maybe(_Asked(checked_control)),
+    "control": Maybe(_Checked(lambda value, where: checked_control(value))),
     "source": Text(among=("ept", "laz")),
-    "measurement": _Measured(),
+    # Of any schema that the library reads; the result is of today's.
+    "measurement": _Checked(partial(checked_of, Measurement)),
     "layers": Listed(_LAYER, 200),
 }
 # The first documents did not keep the control.
@@ -143,20 +137,14 @@ _FRONT = Record(
 _OWN = (HEAD, "user", "area_key")
 
 
-def checked_document(value):
-    """Return a document rebuilt from what it may hold; user names are never taken from a file."""
-    return _checked(_DOCUMENT, value)
+def checked_document(value, *, front=False):
+    """Return a document rebuilt from what it may hold; user names are never taken from a file.
 
-
-def checked_front(value):
-    """Return a document without its layers, checked in the same way."""
-    return _checked(_FRONT, value)
-
-
-def _checked(shape, value):
+    With `front` it is one without its layers.
+    """
     if isinstance(value, dict):
         value = {key: item for key, item in value.items() if key not in _OWN}
-    document = shape.clean(value, "the measurement")
+    document = (_FRONT if front else _DOCUMENT).clean(value, "the measurement")
     if not is_id(document["id"]):
         raise MisshapenError("the measurement has no valid id")
     name, key = checked_name(document["name"]), area_key(document["area"])

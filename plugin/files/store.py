@@ -25,8 +25,7 @@ __all__ = [
     "UnreadableError",
     "disk_words",
     "is_id",
-    "one_at_a_time",
-    "one_of",
+    "in_turn",
     "read_capped",
     "read_head",
     "saved_folder",
@@ -102,14 +101,9 @@ def read_capped(path, most=MOST_BYTES):
     return data
 
 
-def one_at_a_time(root):
-    """Have whoever does the same wait: WebODM serves requests from several processes."""
-    return one_of(root, 1, ".lock")
-
-
 @contextlib.contextmanager
-def one_of(root, places, name, wait_s=_LOCK_S):
-    """Let at most `places` requests at once pass, over all of WebODM's processes.
+def in_turn(root, places=1, name=".lock", wait_s=_LOCK_S):
+    """Let at most `places` requests at once pass: WebODM serves them from several processes.
 
     Raises
     ------

@@ -10,14 +10,7 @@ from .listing import job_row, own_rows
 from .requested_options import checked_options
 from .starting import area_of, start
 
-__all__ = ["Drop", "JobResult", "Jobs", "OneJob", "StartAgain", "own_jobs"]
-
-
-def own_jobs(request, task):
-    """Return the visitor's own measurements on a task, the newest first."""
-    if not request.user.is_authenticated:
-        return []
-    return own_rows(jobs_root(), task, request.user.pk)
+__all__ = ["Drop", "JobResult", "Jobs", "OneJob", "StartAgain"]
 
 
 class Jobs(VolumeView):
@@ -27,7 +20,7 @@ class Jobs(VolumeView):
         """List them, so that any page finds them again."""
         task = self.task(request, pk)
         self.sweep()
-        return self.answer(own_jobs(request, task))
+        return self.answer(own_rows(jobs_root(), task, request.user))
 
     def post(self, request, pk=None):
         """Start one."""

@@ -18,9 +18,11 @@ _UNKNOWN_LOST_S = 24 * 3600.0
 
 
 def own_rows(root, task, user):
-    """Return the rows of a user's jobs on a task, the newest first."""
+    """Return the rows of a visitor's jobs on a task, the newest first."""
+    if not user.is_authenticated:
+        return []
     jobs = all_jobs(root)
-    own = [job for job in jobs if job[1]["user"] == user and job[1]["task"] == str(task.id)]
+    own = [job for job in jobs if job[1]["user"] == user.pk and job[1]["task"] == str(task.id)]
     return [job_row(*job, jobs) for job in reversed(own)]
 
 

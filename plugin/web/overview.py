@@ -10,8 +10,8 @@ from ..files.list_rows import Budget, TooLargeError, UnreadError, entry_of
 from ..files.store import UnreadableError, saved_paths
 from ..files.untrusted_json import MisshapenError
 from . import database
-from .base import VolumeView, may_change, may_view_project, plugin_here
-from .job_views import own_jobs
+from .base import VolumeView, jobs_root, may_change, may_view_project, plugin_here
+from .listing import own_rows
 from .starting import crop_of, has_crs, reason_not, sources_of
 
 __all__ = ["Overview", "Series"]
@@ -50,7 +50,7 @@ class Overview(VolumeView):
                 "points": _points_of(task),
                 "has_cameras": os.path.isfile(task.assets_path("odm_report", "shots.geojson")),
                 "lost": database.were_lost(plugin, task, present),
-                "jobs": own_jobs(request, task),
+                "jobs": own_rows(jobs_root(), task, request.user),
                 "limits": LIMITS,
                 "version": plugin.get_manifest()["version"],
             }

@@ -13,9 +13,8 @@ from ..files.list_rows import Budget, TooLargeError, UnreadError, entry_of
 from ..files.saved import checked_document, read_document, write_document
 from ..files.store import (
     UnreadableError,
+    in_turn,
     is_id,
-    one_at_a_time,
-    one_of,
     saved_path,
     saved_paths,
     why_full,
@@ -37,7 +36,7 @@ def _reading():
 
     Who finds no place soon is to come again: the other pages need the workers that would wait.
     """
-    return one_of(jobs_root(), 2, ".reading", wait_s=0.5)
+    return in_turn(jobs_root(), 2, ".reading", wait_s=0.5)
 
 
 def _read(task, saved):
@@ -60,7 +59,7 @@ def _changing(task, saved):
     task, and then waits for the broker, which may not answer.
     """
     try:
-        with one_at_a_time(jobs_root()):
+        with in_turn(jobs_root()):
             path = saved_path(task, saved)
             before = _size(path)
             yield path

@@ -5,9 +5,11 @@ import logging
 import os
 
 from ..files.folders import new_job
-from ..files.inputs import LIMITS, checked_area
-from ..files.store import UnreadableError, one_at_a_time, read_capped, read_head
+from ..files.inputs import LIMITS, checked_area, in_panel_words
+from ..files.store import UnreadableError, in_turn, read_capped, read_head
 from ..files.untrusted_json import MisshapenError, read_json
+from ..quantify_client.errors import UsageError
+from ..quantify_client.options import choose_shape, read_options
 from ..worker.entry import run_job
 from .base import COMPLETED, PACKAGE, jobs_root, refused
 from .broker import BrokerError, enqueue
@@ -18,7 +20,6 @@ __all__ = ["area_of", "crop_of", "has_crs", "reason_not", "sources_of", "start"]
 _LONGEST_NAME = 80
 # How much is read of a cloud's file and of its tiles' index to find a coordinate system.
 _CLOUD_HEAD, _MOST_INDEX = 100_000, 1_000_000
-_FOR_OBJECTS = ("method", "center_caps", "hollow", "max_gap", "floor")
 
 
 def sources_of(task):
@@ -137,7 +138,7 @@ def start(request, task, *, area, options, control, name):
 def _admitted(root, about, asked):
     """Return the folder of a new job, unless its user has enough of them already."""
     settle(root, about["user"])
-    with one_at_a_time(root):
+    with in_turn(root):
         if slots_taken(root, about["user"]) >= LIMITS["jobs"]:
             raise refused(
                 429,
@@ -149,20 +150,10 @@ def _admitted(root, about, asked):
 
 def _require_agreement(area, options, control):
     """Refuse at once what the library would refuse in the worker."""
-    given = [key for key in _FOR_OBJECTS if options.get(key) not in (None, False, "auto")]
-    as_object = options.get("shape") == "object" or given
-    if as_object and area is not None:
-        raise MisshapenError(
-            f"{given[0] if given else 'shape object'} goes with a body that is measured whole; "
-            "choose the whole cloud, or leave it out"
-        )
-    if as_object and "base" in options:
-        raise MisshapenError("base goes with terrain, not with a body: leave one of them out")
-    if "slice_height" in options and options.get("slices", "auto") != "auto":
-        raise MisshapenError("slices and slice_height exclude each other: give one of them")
     if "density_sigma" in options and "density" not in options:
         raise MisshapenError("density_sigma goes with density: give both")
-    if control is None and ("scale_mode" in options or "area_frame" in options):
-        raise MisshapenError("scale_mode and area_frame go with control: give control points")
-    if control is not None and options.get("grid"):
-        raise MisshapenError("grid goes without control: leave one of them out")
+    try:
+        read = read_options({**options, "area": area, "gcp": control})
+        choose_shape(read, has_crs=True, is_odm=True)
+    except UsageError as error:
+        raise MisshapenError(in_panel_words(str(error))) from None

@@ -7,14 +7,13 @@ import contextlib
 import importlib
 import json
 import logging
-import re
 import threading
 import time
 from dataclasses import replace
 from pathlib import Path
 
 from ..files.folders import HEARTBEAT_S, JobFolder
-from ..files.inputs import area_key
+from ..files.inputs import area_key, in_panel_words
 from ..files.saved import SCHEMA
 from ..files.store import MOST_BYTES, disk_words, write_json
 from ..quantify_client import measure
@@ -36,12 +35,6 @@ _STAGES = {
     "drawing": (92.0, 99.0),
 }
 
-#: The panel's names of the command line options that messages of the library mention.
-_FIELDS = {
-    "--crs": "\u201cCoordinate system\u201d",
-    "--vertical-unit": "\u201cUnit of heights\u201d",
-    "--source-unit": "\u201cUnit of lengths\u201d",
-}
 _SAYING = ("crs", "vertical_unit", "source_unit")
 
 _LOOK_S, _PATIENCE_S = 1.0, 5.0
@@ -260,5 +253,4 @@ def _harmless(value, asked, folder):
         return value
     for path in (str(folder.path), asked["assets"], str(Path(asked["assets"]).resolve())):
         value = value.replace(path + "/", "").replace(path, "the task")
-    value = re.sub(r"(?<![\w-])--[a-z-]+", lambda name: _FIELDS.get(name[0], name[0]), value)
-    return re.sub(r"(?<![\w-])--(?=[a-z])", "", value)
+    return in_panel_words(value)

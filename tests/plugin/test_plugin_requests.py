@@ -54,8 +54,15 @@ for _ in range(12):
         ({"area": ROUND, "options": {"base": "/etc/passwd"}}, "options.base"),
         ({"area": ROUND, "options": {"shape": "object"}}, "measured whole"),
         ({"area": ROUND, "options": {"hollow": True}}, "measured whole"),
-        ({"area": "whole", "options": {"shape": "object", "base": "plane"}}, "with terrain"),
-        ({"area": ROUND, "options": {"scale_mode": "full"}}, "go with control"),
+        (
+            {"area": "whole", "options": {"shape": "object", "base": "plane"}},
+            "base goes with shape terrain",
+        ),
+        ({"area": ROUND, "options": {"scale_mode": "full"}}, "go with control: give"),
+        (
+            {"area": "whole", "options": {"method": "polar", "hollow": True}},
+            "hollow, max-gap, floor and accuracy go with method",
+        ),
         ({"area": ROUND, "control": "text"}, "an object"),
         ({"area": ROUND, "control": {"text": "x" * 200_001}}, "200000"),
         ({"area": ROUND, "control": {"text": "x", "name": "c.exe"}}, "has to end in"),
@@ -107,11 +114,11 @@ def test_control_file_cannot_name_files_of_the_server(host, beach_task):
 
 
 def test_what_the_library_refuses_is_told_without_paths_and_dashes(host, beach_task):
-    asked = {"area": "whole", "options": {"method": "polar", "hollow": True}}
+    asked = {"area": "whole", "options": {"shape": "object", "floor": 900.0}}
     job = host.owner.post(f"{API}/{beach_task}/jobs", asked).json["job"]
     state = host.owner.wait(beach_task, job)
     assert state["state"] == "failed"
-    assert state["error"].startswith("hollow, max-gap, floor and accuracy go with method")
+    assert "give floor Z below it, or floor none, or shape terrain" in state["error"]
     result = host.owner.get(f"{API}/{beach_task}/jobs/{job}/result")
     assert (result.status, result.json["state"]) == (409, "failed")
     saved = host.owner.post(f"{API}/{beach_task}/measurements", {"job": job, "name": "x"})
