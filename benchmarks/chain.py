@@ -1,4 +1,4 @@
-"""Points and an outline through the stages of the library, and many surveys in several processes."""
+"""From points and an outline to results, by the stages of the library; in several processes."""
 
 from __future__ import annotations
 
