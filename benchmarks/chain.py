@@ -12,7 +12,8 @@ from quantify_client.volcalc.terrain.accumulate import TerrainAccumulator
 from quantify_client.volcalc.terrain.grid_offsets import measure_area
 from quantify_client.volcalc.terrain.measure import TerrainRecipe
 
-T, R = TypeVar("T"), TypeVar("R")
+T = TypeVar("T")
+R = TypeVar("R")
 
 
 def measure(points: FloatArray, outline: Outline, base: Union[str, float]) -> AreaResult:

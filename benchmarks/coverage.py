@@ -74,7 +74,7 @@ def rows_of(task: Task) -> List[Row]:
             low, high = result.interval95_m3
             row.update(volume_m3=result.volume_m3, std_m3=result.std_m3, low_m3=low, high_m3=high)
             row["budget"] = {item.source: item.std_m3 for item in result.budget}
-            row["warnings"] = [notice.code for notice in result.warnings]
+            row["warnings"] = [getattr(notice, "code", "other") for notice in result.warnings]
         rows.append(row)
     return rows
 

@@ -156,8 +156,8 @@ def nodes_within(outline: Outline) -> FloatArray:
     shapely.prepare(outline)
     inside = shapely.contains_xy(outline, x, y)
     places = np.column_stack([x[inside], y[inside]])
-    # A step of a hand's breadth on a slope would be an error of the reference, not of the bases.
-    return places + shapely.get_coordinates(outline.centroid) - places.mean(axis=0)
+    # Else the slope of the ground would be an error of the reference.
+    return np.asarray(places + shapely.get_coordinates(outline.centroid) - places.mean(axis=0))
 
 
 def errors_of(task: Tuple[str, float, int, int, Sequence[str]]) -> Dict[str, Any]:

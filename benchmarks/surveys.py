@@ -195,6 +195,8 @@ class Kind:
         `shared` of the surveys, and the length of its covariance.
     outliers : share of points, in a share `spoiled` of the surveys.
     width, count : of the area, metres, and number of points.
+    uneven : whether the points' own noise grows with the slope of what is measured, and to one side
+        as where few photographs look.
     gaps : whether there are holes and a blind strip.
     true_warnings : codes of warnings about the outline that are right in this class.
     """
@@ -210,6 +212,7 @@ class Kind:
     spoiled: float = 0.4
     width: Range = (5.0, 60.0)
     count: Range = (20_000, 40_000)
+    uneven: bool = False
     gaps: bool = False
     true_warnings: Sequence[str] = ()
 
@@ -225,6 +228,7 @@ CLASSES: Mapping[str, Kind] = {
     "slopes": Kind(slope=(10.0, 35.0)),
     "white-noise": Kind(white=(0.01, 0.1), shared=0.0),
     "correlated-noise": Kind(correlated=(0.005, 0.05), shared=1.0),
+    "uneven-noise": Kind(white=(0.005, 0.02), uneven=True),
     "gaps": Kind(relief=_MILD, gaps=True, true_warnings=("outline-without-points",)),
     "outliers": Kind(relief=_MILD, outliers=(0.01, 0.03), spoiled=1.0),
     "touching-piles": Kind(_touching, relief=_MILD),
@@ -275,7 +279,8 @@ def make_survey(name: str, number: int, seed: int = 0) -> Survey:
         x, y = _with_gaps(rng, x, y, site.outline)
     wide = 2 * float(np.abs([x, y]).max())
     ground = make_ground(rng, kind, wide, facts)
-    z = LEVEL + ground(x, y) + site.form(x, y) + _noise(rng, kind, wide, facts)(x, y)
+    noise = _noise(rng, kind, wide, site.form, facts)
+    z = LEVEL + ground(x, y) + site.form(x, y) + noise(x, y)
     if rng.random() < kind.spoiled:
         facts["outliers"] = share = log_uniform(rng, kind.outliers)
         z += _outliers(rng, len(z), share)
@@ -343,16 +348,33 @@ def make_ground(rng: Rng, kind: Kind, wide: float, facts: Facts) -> Height:
     return Sum(((1.0, flat), (relief, RELIEFS[name](rng, wide, wavelength))))
 
 
-def _noise(rng: Rng, kind: Kind, wide: float, facts: Facts) -> Height:
+def _noise(rng: Rng, kind: Kind, wide: float, form: Height, facts: Facts) -> Height:
     """Return white noise and, in some surveys, noise that neighbours share."""
     facts["white"] = white = log_uniform(rng, kind.white)
     terms: Tuple[Tuple[float, Height], ...] = ((white, lambda x, y: rng.standard_normal(x.shape)),)
+    if kind.uneven:
+        terms = ((white, _uneven_noise(rng, form, wide)),)
     if rng.random() < kind.shared:
         facts["correlated"] = std = log_uniform(rng, kind.correlated)
         facts["length"] = length = log_uniform(rng, kind.length)
         spectrum = matern(float(rng.choice([0.5, 1.5, math.inf])))
         terms += ((std, gaussian_field(rng, spectrum, wide, WAVELENGTH * length)),)
     return Sum(terms)
+
+
+def _uneven_noise(rng: Rng, form: Height, wide: float) -> Height:
+    """Return noise of std (1 + 3 slope of the form) r, with r from 1 to 3 across the site."""
+    angle = rng.uniform(0, 2 * math.pi)
+
+    def noise(x: FloatArray, y: FloatArray) -> FloatArray:
+        step = 0.05
+        east, north = form(x + step, y) - form(x - step, y), form(x, y + step) - form(x, y - step)
+        slope = np.hypot(east, north) / (2 * step)
+        across = (x * math.cos(angle) + y * math.sin(angle)) / wide
+        std = (1 + 3 * slope) * (2 + np.clip(across, -1, 1))
+        return np.asarray(std * rng.standard_normal(x.shape))
+
+    return noise
 
 
 def _outliers(rng: Rng, count: int, share: float) -> FloatArray:

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import shapely
 from scipy import special
-from shapely.geometry import Point, box
+from shapely.geometry import MultiPolygon, Point, Polygon, box
 from terrains import integral as midpoint_integral
 
 from quantify_client.volcalc.terrain.base import BASES
@@ -111,6 +111,14 @@ def test_volume_of_a_pyramid() -> None:
     assert sites.integral(pile, diamond.polygon) == pytest.approx(12.0, rel=1e-5)
     # The half of it that lies west of its middle.
     assert sites.integral(pile, box(-5, -8, 1, 4)) == pytest.approx(6.0, rel=1e-5)
+
+
+def test_integral_of_a_slope_over_a_triangle() -> None:
+    # x over the half of a unit square: 1 / 6; ten lines miss 1 / 400 of it.
+    triangle = Polygon([(0, 0), (1, 0), (0, 1)])
+    assert sites.integral(lambda x, y: x, triangle, 10) == pytest.approx(1 / 6, rel=0.003)
+    around = MultiPolygon([triangle, box(2, 0, 3, 1).difference(box(2.2, 0.2, 2.8, 0.8))])
+    assert sites.integral(lambda x, y: x + 0 * y, around) == pytest.approx(1 / 6 + 1.6, rel=1e-3)
 
 
 def test_volume_of_a_cone() -> None:
