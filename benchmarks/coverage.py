@@ -9,7 +9,8 @@ kriging that knows the true covariance of the ground (known_kriging.py).
     python benchmarks/coverage.py [--surveys N] [--classes NAME...] [--bases NAME...] [--jobs N]
                                   [--seed N] [--json FILE] [--against FILE] [--kriging]
 
-Columns: surveys; refused or warned of their outline, percent; bias and RMSE, m3; RMS of
+Columns: surveys; refused or warned of their outline, percent, where that is not right (an outline
+does cross a gully); warned of uneven ground, percent, without a criterion; bias and RMSE, m3; RMS of
 z = (volume - truth) / std; coverage of the 95 % intervals, percent; RMS z in each third by half
 width; mean interval score over that of +-1.96 RMSE for all, of volumes and of volumes over area;
 median half width, m3 (and over that of an earlier run, --against its JSON). `!` marks a criterion
@@ -99,7 +100,12 @@ def scores_of(rows: Sequence[Row], earlier: Dict[Tuple[str, int, str], Row]) -> 
         for before in [earlier.get((row["class"], row["number"], row["base"]))]
         if before and not before["refused"]
     ]
-    return replace(found, against=float(np.median(ratios)) if ratios else None)
+    uneven = [any(code.startswith("uneven") for code in row["warnings"]) for row in rows]
+    return replace(
+        found,
+        uneven_percent=100 * float(np.mean(uneven)),
+        against=float(np.median(ratios)) if ratios else None,
+    )
 
 
 # --- tables
@@ -108,6 +114,7 @@ def scores_of(rows: Sequence[Row], earlier: Dict[Tuple[str, int, str], Row]) -> 
 COLUMNS = (
     ("n", "surveys", "d"),
     ("lost %", "lost_percent", ".1f"),
+    ("uneven %", "uneven_percent", ".1f"),
     ("bias", "bias_m3", "+.3g"),
     ("RMSE", "rmse_m3", ".3g"),
     ("RMS z", "rms_z", ".2f"),

@@ -75,6 +75,7 @@ class Scores:
     score_ratio : mean interval score over that of +-1.96 RMSE for all.
     height_ratio : the same for volumes over area, so that large areas count as small ones do.
     half_width_m3 : median.
+    uneven_percent : of the surveys were warned of uneven ground.
     against : median of the half widths over those of an earlier run, survey by survey.
     """
 
@@ -90,6 +91,7 @@ class Scores:
     score_ratio: float
     height_ratio: float
     half_width_m3: float
+    uneven_percent: float = 0.0
     against: Optional[float] = None
 
     def failures(self) -> Sequence[str]:
