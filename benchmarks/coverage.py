@@ -10,8 +10,8 @@ kriging that knows the true covariance of the ground (known_kriging.py).
                                   [--seed N] [--json FILE] [--against FILE] [--kriging]
 
 Columns: surveys; refused or warned of their outline, percent, where that is not right (an outline
-does cross a gully); warned of uneven ground, percent, without a criterion; bias and RMSE, m3; RMS of
-z = (volume - truth) / std; coverage of the 95 % intervals, percent; RMS z in each third by half
+does cross a gully); warned of uneven ground, percent, without a criterion; bias and RMSE, m3; RMS
+of z = (volume - truth) / std; coverage of the 95 % intervals, percent; RMS z in each third by half
 width; mean interval score over that of +-1.96 RMSE for all, of volumes and of volumes over area;
 median half width, m3 (and over that of an earlier run, --against its JSON). `!` marks a criterion
 that is not met. "lowest", "highest" and "average" are levels, no estimates of the ground: they are
