@@ -13,7 +13,8 @@ Columns: surveys; refused or warned of their outline, percent, where that is not
 does cross a gully); warned of uneven ground, percent, without a criterion; bias and RMSE, m3; RMS
 of z = (volume - truth) / std; coverage of the 95 % intervals, percent; RMS z in each third by half
 width; mean interval score over that of +-1.96 RMSE for all, of volumes and of volumes over area;
-median half width, m3 (and over that of an earlier run, --against its JSON). `!` marks a criterion
+median half width, m3, and over that of the same survey in an earlier run, --against its JSON (on
+`triangulate`, where that has no such base). `!` marks a criterion
 that is not met. "lowest", "highest" and "average" are levels, no estimates of the ground: they are
 held against the same truth and listed apart, without criteria.
 """
@@ -80,6 +81,11 @@ def rows_of(task: Task) -> List[Row]:
     return rows
 
 
+def key_of(row: Row, base: Optional[str] = None) -> Tuple[str, int, str]:
+    """Return the class, number and base of a row, or another base."""
+    return row["class"], row["number"], base or row["base"]
+
+
 def scores_of(rows: Sequence[Row], earlier: Dict[Tuple[str, int, str], Row]) -> Scores:
     """Return the scores of the surveys of one class on one base."""
     right = CLASSES[rows[0]["class"]].true_warnings
@@ -97,7 +103,7 @@ def scores_of(rows: Sequence[Row], earlier: Dict[Tuple[str, int, str], Row]) -> 
     ratios = [
         row["std_m3"] / before["std_m3"]
         for row in some
-        for before in [earlier.get((row["class"], row["number"], row["base"]))]
+        for before in [earlier.get(key_of(row)) or earlier.get(key_of(row, "triangulate"))]
         if before and not before["refused"]
     ]
     uneven = [any(code.startswith("uneven") for code in row["warnings"]) for row in rows]
@@ -181,7 +187,7 @@ def load(path: Optional[Path]) -> Dict[Tuple[str, int, str], Row]:
     if path is None:
         return {}
     rows = json.loads(path.read_text(encoding="utf-8"))["rows"]
-    return {(row["class"], row["number"], row["base"]): row for row in rows}
+    return {key_of(row): row for row in rows}
 
 
 def coverage(given: argparse.Namespace) -> Dict[str, Any]:
