@@ -37,7 +37,14 @@ def ground_under(
     count = np.where(known, 4, 0)
     outliers = np.zeros(x.shape, np.int64)
     return CellHeights(
-        window, z, count, outliers, z - cell / 4, z + cell / 4, count.astype(np.float64)
+        window,
+        z,
+        count,
+        outliers,
+        z - cell / 4,
+        z + cell / 4,
+        count.astype(np.float64),
+        np.full(z.shape, 1 / 12),
     )
 
 

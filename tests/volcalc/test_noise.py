@@ -15,6 +15,9 @@ from quantify_client.volcalc.terrain.noise import (
 SHAPE = (90, 110)
 NOWHERE = np.zeros(SHAPE)
 
+#: Points lie anywhere in their cells.
+ANYWHERE = np.full(SHAPE, 1 / 12)
+
 
 def _correlated(rng, length, sigma):
     blur = length / np.sqrt(2)
@@ -31,7 +34,7 @@ def _tilted():
 def test_independent_noise_is_found_and_no_correlation_with_it():
     rng = np.random.default_rng(1)
     z = _tilted() + rng.normal(0, 0.01, SHAPE)
-    noise = measure_noise(z, np.full(SHAPE, 4), z, NOWHERE)
+    noise = measure_noise(z, np.full(SHAPE, 4), ANYWHERE, z, NOWHERE)
     assert noise.independent == pytest.approx(0.01, rel=0.06)
     assert noise.correlated == 0
 
@@ -42,7 +45,7 @@ def test_correlated_noise_is_found_with_its_length(length):
     for seed in range(6):
         rng = np.random.default_rng(seed)
         z = _tilted() + _correlated(rng, length, 0.02) + rng.normal(0, 0.008, SHAPE)
-        found.append(measure_noise(z, np.full(SHAPE, 4), z, NOWHERE))
+        found.append(measure_noise(z, np.full(SHAPE, 4), ANYWHERE, z, NOWHERE))
     # What matters for a volume is the product: the standard deviation of a large mean.
     product = np.mean([noise.correlated * noise.length for noise in found])
     assert product == pytest.approx(0.02 * length, rel=0.25)
@@ -55,7 +58,7 @@ def test_the_shape_of_a_cone_is_not_noise():
     distance = np.hypot(row - 45, column - 55)
     z = 160.0 + np.maximum(0, 3 - 0.15 * distance) + rng.normal(0, 0.01, SHAPE)
     inside = (distance < 22).astype(float)
-    noise = measure_noise(z, np.full(SHAPE, 4), z, inside)
+    noise = measure_noise(z, np.full(SHAPE, 4), ANYWHERE, z, inside)
     assert noise.independent == pytest.approx(0.01, rel=0.12)
     assert noise.correlated == 0
 
@@ -63,7 +66,7 @@ def test_the_shape_of_a_cone_is_not_noise():
 def test_points_by_chance_on_a_slope_count_as_slope_over_root_of_12_n():
     row, column = np.indices(SHAPE)
     z = 160.0 + 0.6 * column
-    noise = measure_noise(z, np.full(SHAPE, 9), z, NOWHERE)
+    noise = measure_noise(z, np.full(SHAPE, 9), ANYWHERE, z, NOWHERE)
     np.testing.assert_allclose(noise.cell, 0.6 / np.sqrt(12 * 9), rtol=1e-6)
 
 
@@ -97,7 +100,7 @@ def test_large_windows_are_summed_in_blocks_to_the_same_result():
 
 def test_nothing_known_is_no_noise():
     z = np.full((30, 30), np.nan)
-    noise = measure_noise(z, np.zeros((30, 30), dtype=int), z, np.zeros((30, 30)))
+    noise = measure_noise(z, np.zeros((30, 30), dtype=int), z, z, np.zeros((30, 30)))
     assert noise.independent == 0
     assert not noise.cell.any()
 

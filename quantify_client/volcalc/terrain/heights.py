@@ -30,6 +30,9 @@ _LAYER_POINTS = 3
 #: Layers are separate when a gap of this many cells in height is between them.
 _LAYER_GAP_CELLS = 1.5
 
+#: Slope along one axis of a plane through 3 x 3 cells: differences, and their mean.
+_STEP, _MEAN = (-0.5, 0.0, 0.5), (1 / 3, 1 / 3, 1 / 3)
+
 #: Bins of height, counted from the lowest, are numbers of this many bits.
 _BIN_BITS = 40
 
@@ -46,6 +49,8 @@ class CellHeights:
     outliers : (ny, nx) int64, points left out because they are far from the surface around them.
     low, high : (ny, nx) float64, range of kept heights (middles of bins); NaN without points.
     places : (ny, nx) float64, number of points in distinct places: repetitions add nothing.
+    unplaced : (ny, nx) float64, variance of a point's place within its cell, as far as it is not
+        known, along each axis and in cells: on a slope it is an error of the height.
     """
 
     window: CellWindow
@@ -55,6 +60,7 @@ class CellHeights:
     low: FloatArray
     high: FloatArray
     places: FloatArray
+    unplaced: FloatArray
 
 
 def fit_cells(cubes: Cubes, bounds: Window) -> Cubes:
@@ -219,15 +225,49 @@ def _collect(
     empty = count == 0
     low[empty] = high[empty] = np.nan
     z = np.where(empty, np.nan, total / np.maximum(count, 1) * cubes.quantum + foot * cubes.cell)
+    east, north = (
+        np.bincount(flat, cubes.count * (2 * (places % cubes.factor) + 1.0), size)
+        / np.maximum(2 * cubes.factor * count, 1)
+        - 0.5
+        for places in (cubes.column, cubes.row)
+    )
+    z, placed = _at_middles(z.reshape(shape), east.reshape(shape), north.reshape(shape))
     return CellHeights(
         window,
-        z.reshape(shape),
+        z,
         count.reshape(shape),
         outliers.astype(np.int64).reshape(shape),
         low.reshape(shape),
         high.reshape(shape),
         _places(cubes, flat, count).reshape(shape),
+        np.where(placed, cubes.factor**-2.0, 1.0) / 12.0,
     )
+
+
+def _at_middles(
+    z: FloatArray, east: FloatArray, north: FloatArray
+) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+    """Return the heights at the middles of cells, and where they could be found.
+
+    The points of a cell lie about its middle by chance: on a slope their mean height is that of
+    their mean place. The slope is that of the least-squares plane through 3 x 3 cells, from heights
+    that were corrected once.
+
+    Parameters
+    ----------
+    z : (ny, nx) float64, mean height of each cell's points.
+    east, north : (ny, nx) mean place of the points from the middle, in cells.
+    """
+    found = z
+    for _ in range(2):
+        across = ndimage.correlate1d(found, _STEP, axis=1, mode="constant", cval=np.nan)
+        slope_east = ndimage.correlate1d(across, _MEAN, axis=0, mode="constant", cval=np.nan)
+        along = ndimage.correlate1d(found, _STEP, axis=0, mode="constant", cval=np.nan)
+        slope_north = ndimage.correlate1d(along, _MEAN, axis=1, mode="constant", cval=np.nan)
+        moved = slope_east * east + slope_north * north
+        placed = np.isfinite(moved)
+        found = np.where(placed, z - moved, z)
+    return found, placed
 
 
 def _parts(cubes: Cubes, flat: IntArray, size: int) -> IntArray:

@@ -92,7 +92,11 @@ class Noise:
 
 
 def measure_noise(
-    z: FloatArray, count: FloatArray, filled: FloatArray, fraction: FloatArray
+    z: FloatArray,
+    count: FloatArray,
+    unplaced: FloatArray,
+    filled: FloatArray,
+    fraction: FloatArray,
 ) -> Noise:
     """Return the noise of cell heights, measured from the heights themselves.
 
@@ -100,6 +104,7 @@ def measure_noise(
     ----------
     z : (ny, nx) float64, metres; NaN where no points are.
     count : (ny, nx) points of each cell, repetitions not counted.
+    unplaced : variance of a point's place in its cell that is not known, along each axis, in cells.
     filled : `z` with its gaps closed.
     fraction : (ny, nx) share of each cell inside the area. The ground outside has less shape than
         what is measured, so the noise is measured there where there is enough of it.
@@ -109,7 +114,7 @@ def measure_noise(
     independent, correlated, length = 0.0, 0.0, 1.0
     if len(observed):
         independent, correlated, length = _fit(observed, np.sqrt(degrees), order)
-    each, point = _cell_sigma(independent, z, count, filled)
+    each, point = _cell_sigma(independent, z, count, unplaced, filled)
     return Noise(independent, correlated, length, each, point)
 
 
@@ -159,18 +164,20 @@ def _cell_sigma(
     independent: float,
     z: FloatArray,
     count: FloatArray,
+    unplaced: FloatArray,
     filled: FloatArray,
 ) -> tuple[FloatArray, float]:
     """Return each cell's independent standard deviation, and that of a single point.
 
-    The n points of a sloping cell lie about its middle by chance, so that their mean height is off
-    by slope * cell / sqrt(12 n). The differences measured the sum of both over typical ground.
+    The n points of a sloping cell lie where they are known to be within a variance u of each along
+    either axis, so that their mean height is off by slope * cell * sqrt(u / n). The differences
+    measured the sum of both over typical ground.
     """
     known = np.isfinite(z)
     if not known.any():
         return np.zeros(z.shape), 0.0
     down, right = np.gradient(np.where(np.isfinite(filled), filled, z[known].mean()))
-    by_place = (down**2 + right**2) / 12.0
+    by_place = (down**2 + right**2) * unplaced
     typical = quantile(count[known], 0.5)
     by_noise = max(independent**2 * typical - quantile(by_place[known], 0.5), 0.0)
     return np.sqrt((by_noise + by_place) / np.maximum(count, 1)), float(np.sqrt(by_noise))

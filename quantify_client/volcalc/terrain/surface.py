@@ -131,7 +131,7 @@ def find_surface(
     needed = ndimage.binary_dilation(fraction > 0, iterations=2)
     filled = fill_gaps(heights.z, reach, needed)
     rim = sample_rim(parts, heights, fraction)
-    noise = measure_noise(heights.z, heights.places, filled, fraction)
+    noise = measure_noise(heights.z, heights.places, heights.unplaced, filled, fraction)
     return AreaSurface(
         polygon, parts, heights, filled, fraction, coverage, rim, noise, ground_factor
     )
