@@ -9,9 +9,10 @@ import numpy as np
 from scipy import ndimage
 from shapely.geometry import MultiPolygon, Polygon
 
+from ...options import BASES, DEFAULT_BASE
 from ...types import AreaResult, Relief
 from .accumulate import AreaPoints
-from .base import BASES, make_base
+from .base import make_base
 from .budget import error_budget
 from .ground import Ground, find_ground
 from .integrate import above_mask, integrate_slices, slab_edges
@@ -35,7 +36,7 @@ class TerrainRecipe:
     brief : only volumes and that of the check, for grid offsets whose mean has another's budget.
     """
 
-    base: Union[str, float] = "triangulate"
+    base: Union[str, float] = DEFAULT_BASE
     slices: Union[str, int] = "auto"
     slice_height: Optional[float] = None
     ground_factor: float = 1.0
