@@ -109,10 +109,11 @@ def test_choices_are_what_the_stages_know():
     assert tuple(UNITS_M) == UNITS
 
 
-def test_a_measurement_says_what_its_volumes_are_comparable_by(two):
+def test_a_measurement_says_its_base_and_its_revision_of_the_method(two, cloud, monkeypatch):
     assert two.method_revision == METHOD_REVISION
     assert two[0].base == DEFAULT_BASE == BASES[0]
-    assert two.to_dict()["method_revision"] == METHOD_REVISION
+    monkeypatch.setattr("quantify_client.pipeline.common.METHOD_REVISION", 7)
+    assert measure(cloud, area=PILE.area).to_dict()["method_revision"] == 7
 
 
 def test_every_revision_of_the_method_is_explained():

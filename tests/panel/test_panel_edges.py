@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from quantify_client.options import BASES
+from quantify_client.options import BASES, METHOD_REVISION
 
 pytestmark = pytest.mark.one_python
 
@@ -114,6 +114,27 @@ def test_a_series_says_which_base_each_volume_has(open_page, tasks, outline):
     assert re.search(r"On another base \((?!null).+\): not compared with the latest", said)
     assert page.page.locator(".vc-dot").count() == 2
     assert page.page.locator(".vc-hollow").count() == 1
+
+
+def test_the_saved_ones_say_their_base_and_an_older_method(open_page, tasks, outline):
+    task, later = tasks["Mine"], METHOD_REVISION + 1
+
+    def revised(route):
+        route.fulfill(json={**route.fetch().json(), "method_revision": later})
+
+    page = open_page().open(("Mine", task)).open_panel()
+    base = page.page.locator("label:has-text('Base') + div option:checked").inner_text()
+    saved_pile(page, outline)
+    texts = page.page.locator(".vc-saved-sum").all_inner_texts()
+    assert any(text.endswith(base.lower()) for text in texts)
+    assert not any("version" in text for text in texts)
+    page.page.route(f"**/task/{task['id']}/", revised)
+    page.page.reload()
+    page.open_panel()
+    page.page.click("role=tab[name=/Saved/]")
+    page.page.wait_for_selector(".vc-saved-sum")
+    texts = page.page.locator(".vc-saved-sum").all_inner_texts()
+    assert all(f"by version {METHOD_REVISION} of the method" in text for text in texts)
 
 
 def of(volume, task, **differs):

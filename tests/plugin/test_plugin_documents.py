@@ -128,6 +128,7 @@ def test_volumes_of_one_quantity_are_comparable(documents, comparable_of, docume
     later = copy.deepcopy(checked)
     later.update(id="1" * 32, date="2025-05-01T10:00:00Z", source="ept")
     later["options"].update(slices=9, density=1.7, density_sigma=0.1, base=DEFAULT_BASE)
+    later["options"].update(hollow=False, floor="auto", area_frame="cloud")
     later["measurement"]["provenance"]["version"] = "0.2.0"
     later["measurement"]["results"][0]["volume_m3"] += 5.0
     assert comparable_of(later) == comparable_of(checked)
