@@ -13,6 +13,7 @@ import re
 
 from ..quantify_client.types.shapes import (
     Flag,
+    Listed,
     Mapped,
     Maybe,
     MisshapenError,
@@ -57,7 +58,7 @@ _ENTRY = Record(
                     {
                         "shape": _SHAPE,
                         "method": Text(40),
-                        "base": _BASE,
+                        "base": OneOf(_BASE, Listed(_BASE, 200)),
                         "method_revision": Whole(1),
                         "scale": Text(among=("cloud", "control", "unknown")),
                         "settings": _OPTIONS,

@@ -25,15 +25,16 @@ def entry_from(document):
 def comparable_of(document):
     """Return what two volumes have to share, all of it, to be subtracted from each other.
 
-    An elevation counts to the millimetre: it may have been computed, with control or from feet.
+    Where areas have different bases (`kriged` may fall back to another), or one was not measured
+    (None), the base is a list of each area's.
     """
     measured, options = document["measurement"], _shortened(document["options"])
     unscaled = "cloud" if measured["length_unit"] == "m" else "unknown"
-    base = _base(measured)
+    bases = [_base(result) for result in measured["results"]]
     return {
         "shape": measured["shape"],
         "method": measured["method"],
-        "base": base if base is None or isinstance(base, str) else round(base, 3),
+        "base": bases[0] if bases.count(bases[0]) == len(bases) else bases,
         "method_revision": measured["method_revision"],
         "scale": unscaled if measured["scale"] is None else "control",
         "settings": {
@@ -68,7 +69,7 @@ def summary_of(document):
         "fill_m3": _sum(results, "fill_m3"),
         "std_m3": _joint_std(results),
         "shape": measured["shape"],
-        "base": _base(measured),
+        "base": results[0]["base"] if results else None,
         "comparable": comparable_of(document),
     }
 
@@ -80,10 +81,10 @@ def _shortened(options):
     }
 
 
-def _base(measured):
-    """Return the base of the first area that was measured; that of the others is the same."""
-    results = [result for result in measured["results"] if "error" not in result]
-    return results[0]["base"] if results else None
+def _base(result):
+    """Return the base; an elevation, which control or feet may have computed, to the millimetre."""
+    base = None if "error" in result else result["base"]
+    return base if base is None or isinstance(base, str) else round(base, 3)
 
 
 def _sum(results, key):

@@ -147,13 +147,14 @@ def of(volume, task, **differs):
         **{"task": task, "task_name": f"Survey {task}", "date": f"{task}-05-01T10:00:00Z"},
         **{"volume_m3": volume, "cut_m3": volume, "fill_m3": 0.0, "std_m3": 1.0},
         **{"measurement": f"{task}{quantity['base']}", "comparable": quantity},
-        **{"shape": quantity["shape"], "base": quantity["base"]},
+        **{"shape": "terrain", "base": "kriged" if "base" not in differs else "triangulate"},
     }
 
 
 def test_volumes_are_subtracted_within_a_base_and_a_revision(open_page, tasks):
     old = {"base": "triangulate", "method_revision": 1}
     rows = [
+        of(95.0, "2020", base=["kriged", "triangulate", None]),
         of(100.0, "2021", **old),
         of(90.0, "2022", **old),
         of(105.0, "2022"),
@@ -168,20 +169,21 @@ def test_volumes_are_subtracted_within_a_base_and_a_revision(open_page, tasks):
     page.picture("panel-series-bases")
     cells = page.page.locator(".vc-table tr:not(.vc-apart) td:last-child").all_inner_texts()
     assert [cell.replace("\u2212", "-").split("\n")[0] for cell in cells] == [
-        *("", "-10.0", "\u2013", "\u2013", "+30.0")
+        *("", "\u2013", "-10.0", "\u2013", "\u2013", "+30.0")
     ]
-    assert "since 1 May 2022" in cells[4]
-    assert "since" not in cells[1]
+    assert "since 1 May 2022" in cells[5]
+    assert "since" not in cells[2]
     said = page.page.locator(".vc-apart").all_inner_texts()
+    of_some = "on another base (Predicted ground; Ground along the outline; one area not measured)"
     of_old = "on another base (Ground along the outline), by version 1 of the method"
     assert [words.lower() for words in said] == [
         f"{why}: not compared with the latest".lower()
-        for why in (of_old, of_old, "scaled by control")
+        for why in (of_some, of_old, of_old, "scaled by control")
     ]
     hollow = page.page.locator(".vc-dot").evaluate_all(
         "dots => dots.map((dot) => dot.classList.contains('vc-hollow'))"
     )
-    assert hollow == [True, True, False, True, False]
+    assert hollow == [True, True, True, False, True, False]
     line = page.page.get_attribute(".vc-chart polyline", "points").split()
     assert len(line) == 2  # of the two that are filled
     assert "Hollow" in page.page.inner_text(".vc-chart")

@@ -160,6 +160,20 @@ def test_volumes_of_other_quantities_are_not(documents, comparable_of, document,
     assert [name for name in one if one[name] != two[name]] == [key]
 
 
+def test_areas_on_different_bases_are_told_each(documents, comparable_of, document):
+    checked = documents.checked_document(copy.deepcopy(document))
+    (result,) = checked["measurement"]["results"]
+    failed = {"name": "b", "error": "no points", "base": {"of": "a stranger"}}
+    for results, base in [
+        ([result, {**result, "base": "plane"}], [DEFAULT_BASE, "plane"]),
+        ([result, failed], [DEFAULT_BASE, None]),
+        ([failed, failed], None),
+        ([result, result], DEFAULT_BASE),
+    ]:
+        checked["measurement"]["results"] = results
+        assert comparable_of(checked)["base"] == base
+
+
 def test_elevation_of_a_base_counts_to_the_millimetre(documents, comparable_of, document):
     found = []
     for elevation in (160.0, 160.0 + 1e-9, 160.001):

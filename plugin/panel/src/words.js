@@ -4,7 +4,7 @@ import { _, fill } from "./gettext";
 
 // Which of them there are, and which is the default, the server says.
 const BASES = {
-  kriged: [() => _("Ground around it, kriged"), () => _("The ground under it, predicted from the ground around it (kriging).")],
+  kriged: [() => _("Predicted ground"), () => _("The ground under it, predicted from the ground around it (kriging).")],
   triangulate: [() => _("Ground along the outline"), () => _("Stretched between the points of the outline; right for most piles and pits.")],
   plane: [() => _("Best plane"), () => _("A tilted plane through the outline; right for piles on a flat yard.")],
   average: [() => _("Level, average"), () => _("A level at the outline's mean elevation.")],
@@ -24,6 +24,12 @@ export function baseName(base, units) {
   return base !== null && base !== "" && Number.isFinite(level)
     ? `${_("Level at")} ${units.length(level)}`
     : String(base);
+}
+
+/** The names of the bases of several areas, each once; null is one that was not measured. */
+function baseNames(bases, units) {
+  const each = [].concat(bases).map((base) => (base === null ? _("one area not measured") : baseName(base, units)));
+  return [...new Set(each)].join("; ");
 }
 
 /** The sentences of warnings; before quantify-client/2 a warning was nothing else. */
@@ -93,7 +99,7 @@ const APART = {
   shape: (quantity, units) => fill(_("of another kind (%(what)s)"), { what: quantityWords(quantity, units) }),
   method: ({ method }) => fill(_("by another method (%(what)s)"), { what: method }),
   method_revision: ({ method_revision: revision }) => revisionWords(revision),
-  base: ({ base }, units) => fill(_("on another base (%(what)s)"), { what: baseName(base, units) }),
+  base: ({ base }, units) => fill(_("on another base (%(what)s)"), { what: baseNames(base, units) }),
   scale: ({ scale }) => (SCALES[scale] ? SCALES[scale]() : String(scale)),
   settings: ({ settings }) => fill(_("with other settings (%(what)s)"), {
     what: Object.keys(settings).map((name) => name.replace(/_/g, " ")).join(", ") || _("none"),
