@@ -10,8 +10,7 @@ import shapely
 from shapely.geometry import Point, Polygon, box
 
 from quantify_client.errors import SupportError
-from quantify_client.options import BASES
-from quantify_client.volcalc.terrain.base import SURFACES, make_base
+from quantify_client.volcalc.terrain.base import BASES, SURFACES, make_base
 from quantify_client.volcalc.terrain.grid import cell_fractions, polygons_of
 from quantify_client.volcalc.terrain.ground import find_ground
 from quantify_client.volcalc.terrain.rim import sample_rim

@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 from shapely.geometry import Polygon
 
 from ...errors import SupportError
+from ...options import BASES
 from ...types import FloatArray, IntArray
 from .grid import CellWindow
 from .ground import Ground
@@ -26,7 +27,7 @@ from .membrane import stretch
 from .rim import Rim
 from .robust import plane_through
 
-__all__ = ["KRIGED", "SURFACES", "Base", "make_base"]
+__all__ = ["BASES", "KRIGED", "SURFACES", "Base", "make_base"]
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class Base:
 
     Attributes
     ----------
-    name : `KRIGED`, one of `SURFACES`, or the elevation.
+    name : one of `BASES`, or the elevation.
     z : (ny, nx) float64, metres; NaN outside the area.
     rim : that the base is drawn through; None for an elevation and for `kriged`.
     """
@@ -86,7 +87,7 @@ def make_base(
 
     Parameters
     ----------
-    name : `KRIGED`, one of `SURFACES`, or an elevation in metres.
+    name : one of `BASES`, or an elevation in metres.
     rim : of the outer rings; only `kriged` and an elevation do without.
     parts : the polygons.
     inside : (ny, nx) bool, the cells to cover.

@@ -9,10 +9,10 @@ import numpy as np
 from scipy import ndimage
 from shapely.geometry import MultiPolygon, Polygon
 
-from ...options import BASES, DEFAULT_BASE
+from ...options import DEFAULT_BASE
 from ...types import AreaResult, Relief
 from .accumulate import AreaPoints
-from .base import make_base
+from .base import BASES, make_base
 from .budget import error_budget
 from .ground import Ground, find_ground
 from .integrate import above_mask, integrate_slices, slab_edges
