@@ -17,7 +17,30 @@ from typing import Any, Dict, Iterable, List, Mapping, Optional, Tuple, Union
 
 from .errors import UsageError
 
-__all__ = ["OPTIONS", "UNITS", "Option", "Options", "choose_shape", "read_options"]
+__all__ = [
+    "BASES",
+    "DEFAULT_BASE",
+    "METHOD_REVISION",
+    "METHOD_REVISIONS",
+    "OPTIONS",
+    "UNITS",
+    "Option",
+    "Options",
+    "choose_shape",
+    "read_options",
+]
+
+#: The revisions of the method, each with the base that volumes are measured from unless another
+#: is asked for. One is added when the same cloud gives other numbers than before: volumes of
+#: different revisions are not subtracted from each other (docs/method.md lists what changed).
+METHOD_REVISIONS = {1: "triangulate"}
+METHOD_REVISION = max(METHOD_REVISIONS)
+DEFAULT_BASE = METHOD_REVISIONS[METHOD_REVISION]
+
+_BASES = ("kriged", "triangulate", "plane", "average", "lowest", "highest")
+#: The names of the base surfaces, the default first, as a comparison lists them; the surfaces are
+#: in `volcalc.terrain.base`.
+BASES = (DEFAULT_BASE, *(name for name in _BASES if name != DEFAULT_BASE))
 
 #: The units of lengths that a source may be in.
 UNITS = ("m", "cm", "mm", "ft", "us-ft")
@@ -181,9 +204,9 @@ class Options:
     slice_height: Optional[float] = _option(None, "height of the slices", MEASURED, **_LENGTH)
     base: Optional[Union[str, float]] = _option(
         None,
-        "the surface that volumes are measured from (default triangulate)",
+        f"the surface that volumes are measured from (default {DEFAULT_BASE})",
         TERRAIN,
-        choices=("triangulate", "plane", "average", "lowest", "highest", "compare"),
+        choices=(*BASES, "compare"),
         metavar="ELEVATION",
         goes_with="terrain",
         **_ELEVATION,

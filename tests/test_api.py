@@ -20,15 +20,24 @@ import quantify_client
 from quantify_client import Measurement, Options, describe, measure, scale
 from quantify_client.crs import UNITS_M
 from quantify_client.errors import MissingExtraError, UsageError
-from quantify_client.options import OPTIONS, UNITS, read_options
+from quantify_client.options import (
+    BASES,
+    DEFAULT_BASE,
+    METHOD_REVISION,
+    METHOD_REVISIONS,
+    OPTIONS,
+    UNITS,
+    read_options,
+)
 from quantify_client.scaler.adjustment.fit import MODES
-from quantify_client.volcalc.terrain.base import BASES
+from quantify_client.volcalc.terrain.base import KRIGED, SURFACES
 from quantify_client.volcalc.terrain.integrate import MAX_SLICES
 
 # Objects of the library: no different on a second Python.
 pytestmark = pytest.mark.one_python
 
-API = Path(__file__).parent.parent / "docs" / "api.md"
+DOCS = Path(__file__).parent.parent / "docs"
+API = DOCS / "api.md"
 
 
 @pytest.fixture(scope="module")
@@ -94,9 +103,24 @@ def test_keywords_of_the_other_functions_are_options_too(function):
 
 def test_choices_are_what_the_stages_know():
     assert OPTIONS["base"].choices == (*BASES, "compare")
+    assert sorted(BASES) == sorted([KRIGED, *SURFACES])
     assert OPTIONS["scale_mode"].choices == tuple(MODES)
     assert OPTIONS["slices"].most == MAX_SLICES
     assert tuple(UNITS_M) == UNITS
+
+
+def test_a_measurement_says_its_base_and_its_revision_of_the_method(two, cloud, monkeypatch):
+    assert two.method_revision == METHOD_REVISION
+    assert two[0].base == DEFAULT_BASE == BASES[0]
+    monkeypatch.setattr("quantify_client.pipeline.common.METHOD_REVISION", 7)
+    assert measure(cloud, area=PILE.area).to_dict()["method_revision"] == 7
+
+
+def test_every_revision_of_the_method_is_explained():
+    assert list(METHOD_REVISIONS) == [*range(1, METHOD_REVISION + 1)]
+    text = (DOCS / "method.md").read_text()
+    for revision, base in METHOD_REVISIONS.items():
+        assert f"\n| {revision} | `{base}` | " in text
 
 
 def test_every_option_is_explained_and_has_a_default_that_it_may_have():
@@ -156,7 +180,7 @@ def test_numbers_of_numpy_are_numbers():
     assert {type(read.slices), type(read.max_gap)} == {int, float}
     with pytest.raises(UsageError, match="give auto or 1 to 10000"):
         read_options({"slices": np.float32(7.0)})
-    with pytest.raises(UsageError, match="give triangulate"):
+    with pytest.raises(UsageError, match=f"give {BASES[0]}, "):
         read_options({"base": np.zeros(3)})
 
 

@@ -22,6 +22,7 @@ from quantify_client.__main__ import main as start
 from quantify_client.cli import parse
 from quantify_client.commands.arguments import COMMANDS, PRESETS
 from quantify_client.commands.messages import complain
+from quantify_client.options import BASES
 from quantify_client.version import package_version
 
 # --- wrong usage
@@ -43,7 +44,7 @@ from quantify_client.version import package_version
         ("--floor inf", "give auto, none, plane or an elevation"),
         ("--shape object --base plane", "--base goes with --shape terrain"),
         ("--shape object --area AREA", "--area goes with --shape terrain"),
-        ("--base plateau", "give triangulate, plane, average, lowest, highest, compare or"),
+        ("--base plateau", f"give {', '.join(BASES)}, compare or"),
         ("--base nan", "compare or an elevation"),
         ("--slices 0", "give auto or 1 to 10000"),
         ("--slices many", "give auto or 1 to 10000"),

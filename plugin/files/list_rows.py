@@ -2,9 +2,9 @@
 
 A file of 8 MB takes some tenths of a second to check, and a list has up to 200: a visitor who opens
 a page is not to keep WebODM busy for a minute. So a file begins with what lists tell of it. One
-from an older version has no such head; of it is read what comes before the layers, once, and of a
-bounded number in one request: the next request goes on. What a list tells is checked for its shape;
-whether the file holds the same, when it is opened.
+from an older version has no such head, or one that tells less; of it is read what comes before the
+layers, once, and of a bounded number in one request: the next request goes on. What a list tells is
+checked for its shape; whether the file holds the same, when it is opened.
 """
 
 import json
@@ -13,6 +13,7 @@ import re
 
 from ..quantify_client.types.shapes import (
     Flag,
+    Listed,
     Mapped,
     Maybe,
     MisshapenError,
@@ -37,20 +38,32 @@ _BUDGET, _LONG_LOOKS = 2_000_000, 10
 _MOST_KNOWN, _LONGEST_KNOWN = 1000, 4000
 
 _NUMBER, _POSITIVE = Number(-1e18, 1e18), Number(0, 1e18)
+_OPTIONS = Mapped(OneOf(Flag(), _NUMBER, Text(200)), 40, 40)
+_SHAPE, _BASE = Text(among=("object", "terrain")), Maybe(OneOf(_NUMBER, Text(40)))
 _ENTRY = Record(
     {
         "id": Text(32, 32),
         "name": Text(200),
         "date": Text(40),
         "area_key": Text(40),
-        "options": Mapped(OneOf(Flag(), _NUMBER, Text(200)), 40, 40),
+        "options": _OPTIONS,
         "summary": Record(
             {
                 "results": Whole(0, 200),
                 **dict.fromkeys(("volume_m3", "cut_m3", "fill_m3"), Maybe(_NUMBER)),
                 "std_m3": Maybe(_POSITIVE),
-                "shape": Text(among=("object", "terrain")),
-                "base": Maybe(OneOf(_NUMBER, Text(40))),
+                "shape": _SHAPE,
+                "base": _BASE,
+                "comparable": Record(
+                    {
+                        "shape": _SHAPE,
+                        "method": Text(40),
+                        "base": OneOf(_BASE, Listed(_BASE, 200)),
+                        "method_revision": Whole(1),
+                        "scale": Text(among=("cloud", "control", "unknown")),
+                        "settings": _OPTIONS,
+                    }
+                ),
             }
         ),
     }

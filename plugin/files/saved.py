@@ -38,8 +38,9 @@ __all__ = [
 #: The schema that is written, and those that are read.
 SCHEMA = "volcalc-measurement/2"
 _READ = ("volcalc-measurement/1", SCHEMA)
-#: The first member of a file is what lists show of it, so that a list reads no further.
-HEAD = "head"
+#: The first member of a file is what lists show of it, so that a list reads no further. It has
+#: another name when it tells more: what it was before (`_OWN`) counts as none.
+HEAD = "entry"
 
 _MOST_PNG = 3_000_000
 _PNG = b"\x89PNG\r\n\x1a\n"
@@ -134,7 +135,7 @@ _FRONT = Record(
     defaults={"control": None},
 )
 # Never taken from a file: these are computed from the rest of it, or come from the database.
-_OWN = (HEAD, "user", "area_key")
+_OWN = (HEAD, "head", "user", "area_key")
 
 
 def checked_document(value, *, front=False):

@@ -2,20 +2,47 @@
 
 import math
 
-__all__ = ["agree", "entry_from", "summary_of"]
+from ..quantify_client.options import OPTIONS
+
+__all__ = ["agree", "comparable_of", "entry_from", "summary_of"]
 
 _MOST_TEXT = 200
 _TOLD = ("id", "name", "date", "area_key", "options")
+# The options that make another quantity of a volume, besides its base.
+_SETTINGS = [
+    name
+    for name, option in OPTIONS.items()
+    if option.goes_with in ("section", "polar") or name in ("grid", "area_frame")
+]
 
 
 def entry_from(document):
     """Return what lists tell of a checked document; a WKT among its options is cut."""
-    options = {
-        key: value[:_MOST_TEXT] if isinstance(value, str) else value
-        for key, value in document["options"].items()
-    }
-    told = {**{key: document[key] for key in _TOLD}, "options": options}
+    told = {**{key: document[key] for key in _TOLD}, "options": _shortened(document["options"])}
     return {**told, "summary": summary_of(document)}
+
+
+def comparable_of(document):
+    """Return what two volumes have to share, all of it, to be subtracted from each other.
+
+    Where areas have different bases (`kriged` may fall back to another), or one was not measured
+    (None), the base is a list of each area's.
+    """
+    measured, options = document["measurement"], _shortened(document["options"])
+    unscaled = "cloud" if measured["length_unit"] == "m" else "unknown"
+    bases = [_base(result) for result in measured["results"]]
+    return {
+        "shape": measured["shape"],
+        "method": measured["method"],
+        "base": bases[0] if bases.count(bases[0]) == len(bases) else bases,
+        "method_revision": measured["method_revision"],
+        "scale": unscaled if measured["scale"] is None else "control",
+        "settings": {
+            name: options[name]
+            for name in _SETTINGS
+            if options.get(name) not in (None, OPTIONS[name].default)
+        },
+    }
 
 
 def agree(told, held):
@@ -43,7 +70,21 @@ def summary_of(document):
         "std_m3": _joint_std(results),
         "shape": measured["shape"],
         "base": results[0]["base"] if results else None,
+        "comparable": comparable_of(document),
     }
+
+
+def _shortened(options):
+    return {
+        key: value[:_MOST_TEXT] if isinstance(value, str) else value
+        for key, value in options.items()
+    }
+
+
+def _base(result):
+    """Return the base; an elevation, which control or feet may have computed, to the millimetre."""
+    base = None if "error" in result else result["base"]
+    return base if base is None or isinstance(base, str) else round(base, 3)
 
 
 def _sum(results, key):

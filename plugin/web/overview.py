@@ -9,6 +9,7 @@ from ..files.inputs import LIMITS
 from ..files.list_rows import Budget, TooLargeError, UnreadError, entry_of
 from ..files.store import UnreadableError, saved_paths
 from ..files.untrusted_json import MisshapenError
+from ..quantify_client.options import BASES, METHOD_REVISION
 from . import database
 from .base import VolumeView, jobs_root, may_change, may_view_project, plugin_here
 from .listing import own_rows
@@ -52,6 +53,8 @@ class Overview(VolumeView):
                 "lost": database.were_lost(plugin, task, present),
                 "jobs": own_rows(jobs_root(), task, request.user),
                 "limits": LIMITS,
+                "bases": BASES,
+                "method_revision": METHOD_REVISION,
                 "version": plugin.get_manifest()["version"],
             }
         )
@@ -105,7 +108,7 @@ class Series(VolumeView):
 
     @staticmethod
     def _row(task, saved, entry):
-        keys = ("volume_m3", "cut_m3", "fill_m3", "std_m3", "shape", "base")
+        keys = ("volume_m3", "cut_m3", "fill_m3", "std_m3", "shape", "base", "comparable")
         return {
             "task": str(task.id),
             "task_name": task.name,

@@ -10,7 +10,7 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, TypeVar,
 
 from ..crs import Frame, grid_scale_factor, location_warnings
 from ..errors import CloudError
-from ..options import OPTIONS, Options
+from ..options import METHOD_REVISION, OPTIONS, Options
 from ..source import Source
 from ..types import AreaFailure, AreaResult, Bounds, CloudInfo, Measurement, Notice, Window
 from ..version import package_version
@@ -145,6 +145,7 @@ def measurement_of(
         results=tuple(results),
         warnings=(*cloud_warnings(source, frame), *losses(counts), *warnings),
         provenance={},
+        method_revision=METHOD_REVISION,
         frame=frame,
     )
 

@@ -24,6 +24,7 @@ import shapely
 from ..areas.read import Area, far_corner_problem
 from ..crs import Frame
 from ..errors import QuantifyError
+from ..options import DEFAULT_BASE
 from ..source import Source
 from ..types import AreaFailure, AreaResult, Bounds, Measurement, Notice, Options, Window
 from ..volcalc.terrain.accumulate import AreaPoints, TerrainAccumulator
@@ -128,7 +129,7 @@ def measure_areas(source: Source, frame: Frame, options: Options, report: Progre
         warnings.append(_ACCURACY_IGNORED)
     base = placed_level(frame, options, options.base, cloud_window(source, frame))
     recipe = TerrainRecipe(
-        base="triangulate" if base is None else base,
+        base=DEFAULT_BASE if base is None else base,
         slices=options.slices,
         slice_height=options.slice_height,
     )

@@ -317,6 +317,9 @@ class Measurement(Notebook):
     warnings: Warnings
     provenance: Provenance = field(compare=False)
     scale: Optional[Scaling] = None
+    method_revision: Annotated[
+        int, Whole(1), "Volumes of different revisions are not comparable. Missing: 1."
+    ] = 1
     frame: Annotated[Optional[Any], LEFT_OUT] = field(default=None, repr=False, compare=False)
 
     @property

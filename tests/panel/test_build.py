@@ -14,6 +14,7 @@ from .conftest import PUBLIC, REPOSITORY
 pytestmark = pytest.mark.one_python
 
 PANEL = REPOSITORY / "plugin" / "panel"
+SOURCES = PANEL / "src"
 MOST_BYTES = 150_000  # the promise is 300 kB; this leaves room to notice
 
 
@@ -52,20 +53,70 @@ def test_the_committed_build_is_what_its_sources_give(tmp_path):
     assert made == committed, "run `npm ci && npm run build` in plugin/panel and commit the build"
 
 
-def test_the_panel_tells_quantities_in_sentences_as_the_reports_do():
+def in_node(script):
+    """Return what a script of modules of the panel prints as JSON."""
     node = shutil.which("node")
     if node is None:
-        pytest.skip("no node on this machine: the panel's units cannot be tried")
+        pytest.skip("no node on this machine: the panel's modules cannot be tried")
+    run = subprocess.run(
+        [node, "--input-type=module", "-e", script], capture_output=True, text=True, check=True
+    )
+    return json.loads(run.stdout)
+
+
+TERRAIN = {"shape": "terrain", "method": "terrain", "base": "plane", "method_revision": 1}
+
+
+@pytest.mark.parametrize(
+    ("other", "apart"),
+    [
+        ({}, []),
+        ({"base": "kriged"}, ["base"]),
+        ({"base": 160.5}, ["base"]),
+        ({"method_revision": 2, "base": "kriged"}, ["base", "method_revision"]),
+        ({"settings": {"grid": True}}, ["settings"]),
+        ({"news": 1}, ["news"]),  # of a later version: what it means is not known
+        ({"shape": "object", "method": "section", "base": None}, ["shape"]),
+    ],
+)
+def test_quantities_differ_in_what_is_not_the_same(other, apart):
+    one, two = TERRAIN, {**TERRAIN, **other}
+    script = f"""
+        const {{ differences }} = await import({json.dumps((SOURCES / "comparable.js").as_uri())});
+        const [one, two] = {json.dumps([one, two])};
+        console.log(JSON.stringify([differences(one, two), differences(two, one)]));
+    """
+    assert in_node(script) == [apart, apart]
+
+
+def test_a_row_without_a_volume_is_compared_with_nothing():
+    rows = [
+        {"date": date, "volume_m3": volume, "comparable": {**TERRAIN, "base": base}}
+        for date, volume, base in [
+            ("2024-03", None, None),
+            ("2024-02", 12.0, "plane"),
+            ("2024-01", 10.0, "plane"),
+        ]
+    ]
+    script = f"""
+        const {{ compared }} = await import({json.dumps((SOURCES / "comparable.js").as_uri())});
+        console.log(JSON.stringify(compared({json.dumps(rows)})));
+    """
+    first, second, third = in_node(script)
+    assert [row["date"] for row in (first, second, third)] == ["2024-01", "2024-02", "2024-03"]
+    assert first["before"] is third["before"] is None
+    assert second["before"] == rows[2]
+    assert first["apart"] == second["apart"] == third["apart"] == []
+
+
+def test_the_panel_tells_quantities_in_sentences_as_the_reports_do():
     sentences = [
         "gives 7.91 m3, 0.33 m3 from the volume: more than +-0.29 m3; over 1,500 m, 12 m2 of it",
         "give --max-gap 3 or m3; 4 mm, 5 m/s, 5 M, area 7 (5, -4.25)",
     ]
     script = f"""
         globalThis.window = {{ localStorage: {{ getItem: () => "imperial" }} }};
-        const units = (await import({json.dumps((PANEL / "src/units.js").as_uri())})).unitSystem();
+        const units = (await import({json.dumps((SOURCES / "units.js").as_uri())})).unitSystem();
         console.log(JSON.stringify({json.dumps(sentences)}.map((s) => units.sentence(s))));
     """
-    run = subprocess.run(
-        [node, "--input-type=module", "-e", script], capture_output=True, text=True, check=True
-    )
-    assert json.loads(run.stdout) == [in_units(s, named_units("us")) for s in sentences]
+    assert in_node(script) == [in_units(s, named_units("us")) for s in sentences]

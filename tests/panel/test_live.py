@@ -169,7 +169,7 @@ def test_the_volume_is_the_librarys(admin, task, measured, tmp_path):
     cloud.parent.mkdir()
     path = f"/api/projects/{task['project']}/tasks/{task['id']}/download/georeferenced_model.laz"
     cloud.write_bytes(admin.get(path).body())
-    library = measure(cloud, area=measured["area"], base="triangulate").results[0]
+    library = measure(cloud, area=measured["area"]).results[0]
     [result] = measured["measurement"]["results"]
     close = 1e-6 if measured["source"] == "laz" else 1e-3
     assert result["volume_m3"] == pytest.approx(library.volume_m3, rel=close)

@@ -6,6 +6,7 @@ import time
 import pytest
 
 from quantify_client import measure
+from quantify_client.options import DEFAULT_BASE
 
 pytestmark = pytest.mark.one_python
 
@@ -65,7 +66,7 @@ def test_draw_measure_save_show_rename_delete(open_page, tasks, outline, expecte
     assert row["name"] == "Round structure"
     # A hand clicks pixels: the same outline for the library is the one that was saved.
     kept = saved_of(page, task, row["id"])
-    again = measure(task_cloud, area=kept["area"], base="triangulate").results[0]
+    again = measure(task_cloud, area=kept["area"]).results[0]
     assert row["summary"]["volume_m3"] == pytest.approx(again.volume_m3, rel=1e-9)
     for form in ("html", "csv", "geojson"):
         link = page.page.locator(f".vc-export a[href*='format={form}']").get_attribute("href")
@@ -127,7 +128,7 @@ def test_units_follow_the_hosts_choice(open_page, tasks, outline, expected):
     typed = page.page.input_value("label:has-text('Elevation') + div input")
     assert float(typed) == pytest.approx(161 / 0.3048, rel=1e-6)
     assert "ft²" in page.page.inner_text(".vc-areas")
-    base(page).select_option("triangulate")
+    base(page).select_option(DEFAULT_BASE)
     page.page.fill("label:has-text('Density') + div input", "100")
     page.measure()
     assert only_number(page.hero()) == pytest.approx(expected.volume_m3 * 1.307951, rel=5e-3)

@@ -12,6 +12,7 @@ from visitors import API, PLACE, ROUND, lon_lat
 
 from quantify_client import measure
 from quantify_client.areas.geojson import geojson_polygons
+from quantify_client.options import BASES, DEFAULT_BASE, METHOD_REVISION
 
 
 @pytest.fixture(scope="module")
@@ -220,6 +221,25 @@ def test_same_area_again_on_another_task_makes_a_series(host, beach_task, kept):
     ours = [row for row in rows if row["measurement"] in (kept["id"], saved["id"])]
     assert [row["task_name"] for row in ours] == ["Beach", "Beach LAZ"]
     assert ours[0]["date"] < ours[1]["date"]
+    assert ours[0]["comparable"] == ours[1]["comparable"]
+
+
+def test_series_tells_which_volumes_are_of_another_base(host, beach_task, kept):
+    plane = host.owner.saved(beach_task, options={"base": "plane"})
+    try:
+        areas = host.viewer.get(f"{API}/{beach_task}/series").json["areas"]
+        rows = {row["measurement"]: row for area in areas for row in area["rows"]}
+        one, other = (rows[found["id"]]["comparable"] for found in (kept, plane))
+        assert (one["base"], other["base"]) == (DEFAULT_BASE, "plane")
+        assert other == {**one, "base": "plane"}
+    finally:
+        host.owner.ask("DELETE", f"{API}/{beach_task}/measurements/{plane['id']}")
+
+
+def test_overview_lists_the_bases_that_a_request_may_have(host, beach_task):
+    found = host.viewer.get(f"{API}/{beach_task}/").json
+    assert found["bases"] == [*BASES]
+    assert found["method_revision"] == METHOD_REVISION
 
 
 def test_scale_bars_clicked_on_the_map_scale_the_cloud(host, beach_task):

@@ -13,6 +13,7 @@ import pytest
 from visitors import ROUND
 
 from quantify_client import measure, to_json
+from quantify_client.options import DEFAULT_BASE, METHOD_REVISION
 from quantify_client.report.document.saved_export import exported
 from quantify_client.webmap.layers import map_layers
 
@@ -107,6 +108,97 @@ def test_what_passes_the_check_can_be_shown(documents, entries, document):
         for kind in ("csv", "geojson", "html"):
             exported(checked, kind, chance.choice(["metric", "us"])).encode()
     assert shown > 20
+
+
+@pytest.fixture(scope="module")
+def comparable_of(documents):
+    return importlib.import_module("volcalc_alone.files.summary").comparable_of
+
+
+def test_volumes_of_one_quantity_are_comparable(documents, comparable_of, document):
+    checked = documents.checked_document(copy.deepcopy(document))
+    assert comparable_of(checked) == {
+        "shape": "terrain",
+        "method": "terrain",
+        "base": DEFAULT_BASE,
+        "method_revision": METHOD_REVISION,
+        "scale": "control",
+        "settings": {},
+    }
+    later = copy.deepcopy(checked)
+    later.update(id="1" * 32, date="2025-05-01T10:00:00Z", source="ept")
+    later["options"].update(slices=9, density=1.7, density_sigma=0.1, base=DEFAULT_BASE)
+    later["options"].update(hollow=False, floor="auto", area_frame="cloud")
+    later["measurement"]["provenance"]["version"] = "0.2.0"
+    later["measurement"]["results"][0]["volume_m3"] += 5.0
+    assert comparable_of(later) == comparable_of(checked)
+
+
+@pytest.mark.parametrize(
+    ("way", "value", "key"),
+    [
+        (("measurement", "results", 0, "base"), "plane", "base"),
+        (("measurement", "results", 0, "base"), 160.0, "base"),
+        (("measurement", "method_revision"), METHOD_REVISION + 1, "method_revision"),
+        (("measurement", "scale"), None, "scale"),
+        (("measurement", "method"), "polar", "method"),
+        (("measurement", "shape"), "object", "shape"),
+        (("options", "grid"), True, "settings"),
+        (("options", "hollow"), True, "settings"),
+        (("options", "floor"), 0.0, "settings"),
+        (("options", "area_frame"), "control", "settings"),
+    ],
+)
+def test_volumes_of_other_quantities_are_not(documents, comparable_of, document, way, value, key):
+    checked = documents.checked_document(copy.deepcopy(document))
+    other = copy.deepcopy(checked)
+    node = other
+    for step in way[:-1]:
+        node = node[step]
+    node[way[-1]] = value
+    one, two = comparable_of(checked), comparable_of(other)
+    assert [name for name in one if one[name] != two[name]] == [key]
+
+
+def test_areas_on_different_bases_are_told_each(documents, comparable_of, document):
+    checked = documents.checked_document(copy.deepcopy(document))
+    (result,) = checked["measurement"]["results"]
+    failed = {"name": "b", "error": "no points", "base": {"of": "a stranger"}}
+    for results, base in [
+        ([result, {**result, "base": "plane"}], [DEFAULT_BASE, "plane"]),
+        ([result, failed], [DEFAULT_BASE, None]),
+        ([failed, failed], None),
+        ([result, result], DEFAULT_BASE),
+    ]:
+        checked["measurement"]["results"] = results
+        assert comparable_of(checked)["base"] == base
+
+
+def test_elevation_of_a_base_counts_to_the_millimetre(documents, comparable_of, document):
+    found = []
+    for elevation in (160.0, 160.0 + 1e-9, 160.001):
+        other = documents.checked_document(copy.deepcopy(document))
+        other["measurement"]["results"][0]["base"] = elevation
+        found.append(comparable_of(other))
+    assert found[0] == found[1] != found[2]
+
+
+def test_result_of_a_version_that_told_no_revision_is_of_the_first(
+    documents, entries, document, tmp_path
+):
+    """Also where such a version wrote a head: it does not tell what is comparable."""
+    path = tmp_path / f"{document['id']}.json"
+    old = copy.deepcopy(document)
+    del old["measurement"]["method_revision"]
+    head = entries.entry_from(documents.checked_document(copy.deepcopy(document)))
+    del head["summary"]["comparable"]
+    path.write_text(json.dumps({"head": head, **old}))
+    entry = entries.entry_of(path, document["id"], entries.Budget())
+    assert entry["summary"]["comparable"]["method_revision"] == 1
+    task = types.SimpleNamespace(id="t", project=types.SimpleNamespace(pk=1))
+    found = documents.read_document(path, document["id"], task)
+    assert found["measurement"]["method_revision"] == 1
+    assert "head" not in found
 
 
 def test_entry_comes_from_the_head_of_a_file(documents, entries, document, tmp_path):

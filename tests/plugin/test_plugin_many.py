@@ -36,6 +36,12 @@ print(json.dumps({"seconds": seconds, "kilobytes": grown, "rows": rows}))
 """
 
 
+COMPARABLE = {
+    **{"shape": "terrain", "method": "terrain", "method_revision": 1, "base": None},
+    **{"scale": "cloud", "settings": {}},
+}
+
+
 def filled(document, kind):
     """Return a valid document of SIZE bytes: its bulk is lines on the map, or slices."""
     chance, document = random.Random(3), copy.deepcopy(document)
@@ -65,11 +71,11 @@ def plant(folder, document, *, head):
     if head:
         summary = {
             **dict.fromkeys(("volume_m3", "cut_m3", "fill_m3", "std_m3", "base")),
-            **{"results": 1, "volume_m3": 1.5, "shape": "terrain"},
+            **{"results": 1, "volume_m3": 1.5, "shape": "terrain", "comparable": COMPARABLE},
         }
         keys = ("id", "name", "date", "area_key", "options")
         document = {
-            "head": {**{key: document[key] for key in keys}, "summary": summary},
+            "entry": {**{key: document[key] for key in keys}, "summary": summary},
             **document,
         }
     text = json.dumps(document).encode()
@@ -156,9 +162,9 @@ def test_no_more_than_two_documents_are_read_at_once(host, beach_task, kept):
 def test_what_lists_tell_is_checked_when_it_is_opened(host, beach_task, kept):
     path = host.assets("Beach") / "volcalc" / f"{'c' * 32}.json"
     text = (host.assets("Beach") / "volcalc" / f"{kept['id']}.json").read_text()
-    assert text.startswith('{"head": {"id"')
+    assert text.startswith('{"entry": {"id"')
     lying = json.loads(text.replace(kept["id"], "c" * 32))
-    lying["head"]["summary"]["volume_m3"] += 1.0
+    lying["entry"]["summary"]["volume_m3"] += 1.0
     root = f"{API}/{beach_task}/measurements"
     try:
         path.write_text(json.dumps(lying))
@@ -168,8 +174,8 @@ def test_what_lists_tell_is_checked_when_it_is_opened(host, beach_task, kept):
         assert found.status == 422
         assert "what lists tell" in found.error
         for broken in ({"name": 7}, {"summary": {}}, {"id": "d" * 32}, {"options": {"a": {}}}):
-            head = {**lying["head"], **broken}
-            path.write_text(json.dumps({**lying, "head": head}))
+            head = {**lying["entry"], **broken}
+            path.write_text(json.dumps({**lying, "entry": head}))
             (row,) = (row for row in host.viewer.get(root).json if row["id"] == "c" * 32)
             assert row["readable"] is False
             assert host.viewer.get(f"{root}/{'c' * 32}").status == 422

@@ -5,9 +5,9 @@ import Advanced from "./Advanced";
 import AreaStep from "./AreaStep";
 import ControlStep from "./ControlStep";
 import CoordinatesStep from "./CoordinatesStep";
-import { wrongFields } from "./form";
+import { basesOf, wrongFields } from "./form";
 import { _ } from "./gettext";
-import { baseName, BASES } from "./words";
+import { baseHint, baseName } from "./words";
 import { Field, Notice, Select } from "./ui";
 
 export default class MeasureForm extends React.Component {
@@ -69,12 +69,12 @@ export default class MeasureForm extends React.Component {
   }
 
   renderBase(wrong) {
-    const { form, units, onChange } = this.props;
-    const [, , said] = BASES.find(([key]) => key === form.base) || BASES[0];
+    const { info, form, units, onChange } = this.props;
+    const options = basesOf(info).map((key) => ({ key, text: baseName(key, units) }));
     return (
       <div className="vc-step">
-        <Select label={_("Base")} value={form.base} onChange={(base) => onChange({ base })} hint={said()}
-          options={BASES.map(([key]) => ({ key, text: baseName(key, units) }))} />
+        <Select label={_("Base")} value={form.base} onChange={(base) => onChange({ base })} hint={baseHint(form.base)}
+          options={options} />
         {form.base === "elevation" ? (
           <Field label={_("Elevation")} short value={form.elevation} unit={units.lengthUnit} wrong={wrong.elevation}
             onChange={(elevation) => onChange({ elevation })} />

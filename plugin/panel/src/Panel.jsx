@@ -5,7 +5,7 @@ import React from "React";
 import { ScaleBars } from "./bars";
 import { READING, TaskApi } from "./api";
 import { AreaEditor } from "./draw";
-import { EMPTY_FORM, fromDocument, inUnits, toControl, toOptions } from "./form";
+import { EMPTY_FORM, fromDocument, inUnits, toControl, toOptions, withBase } from "./form";
 import { _, fill } from "./gettext";
 import { MyJobs } from "./jobs";
 import { isInView, lookAt, showResult } from "./layers";
@@ -108,7 +108,8 @@ export default class Panel extends React.Component {
 
   /** A task that nothing can be drawn on begins with its whole cloud. */
   begun(info) {
-    return info.has_crs && this.props.map ? this.state.form : { ...this.state.form, area: "whole" };
+    const form = withBase(this.state.form, info);
+    return info.has_crs && this.props.map ? form : { ...form, area: "whole" };
   }
 
   loadList = (times = READING.times) => {
@@ -276,9 +277,10 @@ export default class Panel extends React.Component {
   /** Take the area and the settings of a measurement into the form. */
   edit = (doc) => {
     const { map } = this.props;
+    const { info, units } = this.state;
     this.hideLayers();
     if (doc.area && map) this.editor.load(doc.area);
-    this.setState({ view: "measure", result: null, form: fromDocument(doc, this.state.units, Boolean(map)) });
+    this.setState({ view: "measure", result: null, form: withBase(fromDocument(doc, units, Boolean(map)), info) });
   };
 
   // What is on the screen.

@@ -89,7 +89,7 @@ export function Details({ doc, units }) {
   const { provenance = {}, scale } = measurement;
   const rows = [
     [_("Shape"), shapeWords(measurement.shape)],
-    [_("Method"), measurement.method],
+    [_("Method"), `${measurement.method}, ${fill(_("version %(number)s"), { number: measurement.method_revision })}`],
     [_("Point cloud"), doc.source === "ept" ? _("tiles (EPT)") : String(doc.source || "").toUpperCase()],
     [_("Coordinates"), shortCrs(measurement.crs)],
     [_("Grid scale factor"), Number.isFinite(measurement.grid_scale_factor) ? measurement.grid_scale_factor.toFixed(6) : null],

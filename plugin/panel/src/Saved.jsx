@@ -6,7 +6,7 @@ import { projectTasks } from "./api";
 import { _, fill } from "./gettext";
 import { Rename } from "./Naming";
 import { Button, Icon, IconButton, Notice, Spinner } from "./ui";
-import { baseName, when } from "./words";
+import { quantityWords, revisionWords, when } from "./words";
 
 export default class Saved extends Acting {
   state = { asking: null, busy: null, error: null, others: null };
@@ -106,10 +106,11 @@ export default class Saved extends Acting {
     );
   }
 
-  renderSummary({ summary, options }) {
-    const { units } = this.props;
+  renderSummary({ summary }) {
+    const { units, info } = this.props;
     if (!summary) return null;
     const terrain = summary.shape === "terrain";
+    const { method_revision: revision } = summary.comparable;
     return (
       <div className="vc-saved-sum">
         <strong>{units.volume(summary.volume_m3, summary.std_m3)}</strong> {units.margin(summary.std_m3)}
@@ -119,8 +120,9 @@ export default class Saved extends Acting {
           </span>
         ) : null}
         {summary.results > 1 ? <span className="vc-quiet"> · {fill(_("%(count)s areas"), { count: summary.results })}</span> : null}
-        {terrain && options && options.base !== undefined && options.base !== null
-          ? <span className="vc-quiet"> · {baseName(options.base, units).toLowerCase()}</span> : null}
+        {terrain && summary.base !== null
+          ? <span className="vc-quiet"> · {quantityWords(summary, units).toLowerCase()}</span> : null}
+        {revision !== info.method_revision ? <span className="vc-quiet"> · {revisionWords(revision)}</span> : null}
       </div>
     );
   }

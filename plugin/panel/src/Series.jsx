@@ -5,7 +5,8 @@ import { READING } from "./api";
 import { tickText, ticks } from "./Chart";
 import { _, fill } from "./gettext";
 import { Notice, Select, Spinner } from "./ui";
-import { baseName, shapeWords, when } from "./words";
+import { compared } from "./comparable";
+import { apartWords, quantityWords, when } from "./words";
 
 const WIDTH = 300;
 const HEIGHT = 150;
@@ -58,15 +59,16 @@ export default class Series extends React.Component {
     }
     const most = groups.slice().sort((a, b) => b.rows.length - a.rows.length);
     const group = most.find(({ area_key: key }) => key === this.state.chosen) || most[0];
+    const rows = compared(group.rows);
     return (
       <div className="vc-body">
         {this.renderMissing()}
         <Select label={_("Area")} value={group.area_key} onChange={(chosen) => this.setState({ chosen })}
           options={most.map(({ area_key: key, name, rows }) => ({ key, text: `${name} (${rows.length})` }))} />
-        {group.rows.length > 1 ? this.renderChart(group) : (
+        {rows.length > 1 ? this.renderChart(rows) : (
           <p className="vc-quiet">{_("Measured in one task only: measure it again in another, under \"Saved\".")}</p>
         )}
-        {this.renderTable(group)}
+        {this.renderTable(rows)}
       </div>
     );
   }
@@ -84,13 +86,8 @@ export default class Series extends React.Component {
     );
   }
 
-  rows(group) {
-    return group.rows.slice().sort((a, b) => String(a.date).localeCompare(String(b.date)));
-  }
-
-  renderTable(group) {
+  renderTable(rows) {
     const { units, onOpen } = this.props;
-    const rows = this.rows(group);
     return (
       <div className="vc-scroll">
         <table className="vc-table">
@@ -104,17 +101,20 @@ export default class Series extends React.Component {
           </thead>
           <tbody>
             {rows.map((row, index) => (
-              <tr key={row.measurement + row.task}>
-                <th scope="row">
-                  <button type="button" className="vc-link" onClick={() => onOpen(row.measurement, row.task)}>
-                    {row.task_name || row.task}
-                  </button>
-                  <div className="vc-quiet">{when(row.date, false)} · {this.how(row)}</div>
-                </th>
-                <td className="vc-right">{units.volumeNumber(row.volume_m3, row.std_m3)}</td>
-                <td className="vc-right">{units.margin(row.std_m3).replace("± ", "")}</td>
-                <td className="vc-right">{index ? this.change(rows[index - 1], row) : ""}</td>
-              </tr>
+              <React.Fragment key={row.measurement + row.task}>
+                <tr className={row.apart.length ? "vc-goes-on" : null}>
+                  <th scope="row">
+                    <button type="button" className="vc-link" onClick={() => onOpen(row.measurement, row.task)}>
+                      {row.task_name || row.task}
+                    </button>
+                    <div className="vc-quiet">{when(row.date, false)} · {quantityWords(row, units)}</div>
+                  </th>
+                  <td className="vc-right">{units.volumeNumber(row.volume_m3, row.std_m3)}</td>
+                  <td className="vc-right">{units.margin(row.std_m3).replace("± ", "")}</td>
+                  <td className="vc-right">{index ? this.renderChange(row, rows[index - 1]) : ""}</td>
+                </tr>
+                {row.apart.length ? <tr className="vc-apart"><td colSpan={4}>{this.apart(row)}</td></tr> : null}
+              </React.Fragment>
             ))}
           </tbody>
         </table>
@@ -122,23 +122,31 @@ export default class Series extends React.Component {
     );
   }
 
-  /** What a volume is of: another base gives another volume, with no time in between. */
-  how({ shape, base }) {
-    return shape === "terrain" && base !== null ? baseName(base, this.props.units) : shapeWords(shape);
+  /** Why a row is not compared with the latest. */
+  apart({ comparable, apart }) {
+    return fill(_("%(why)s: not compared with the latest"), { why: apartWords(comparable, apart, this.props.units) });
   }
 
-  change(before, after) {
+  /** By how much a volume has changed since the last one that it may be compared with. */
+  renderChange(row, above) {
     const { units } = this.props;
-    if (before.shape !== after.shape || before.base !== after.base) return "–";
-    if (![before, after].every((row) => Number.isFinite(row.volume_m3))) return "";
-    const by = after.volume_m3 - before.volume_m3;
-    const std = Math.hypot(before.std_m3 || 0, after.std_m3 || 0);
-    return `${by > 0 ? "+" : ""}${units.volumeNumber(by, std)}`;
+    const { before } = row;
+    if (!before) return "–";
+    const by = row.volume_m3 - before.volume_m3;
+    const std = Math.hypot(before.std_m3 || 0, row.std_m3 || 0);
+    return (
+      <>
+        {`${by > 0 ? "+" : ""}${units.volumeNumber(by, std)}`}
+        {before.measurement === above.measurement && before.task === above.task ? null : (
+          <div className="vc-quiet">{fill(_("since %(date)s"), { date: when(before.date, false) })}</div>
+        )}
+      </>
+    );
   }
 
-  renderChart(group) {
+  renderChart(all) {
     const { units } = this.props;
-    const rows = this.rows(group).filter(({ volume_m3: volume }) => Number.isFinite(volume));
+    const rows = all.filter(({ volume_m3: volume }) => Number.isFinite(volume));
     const values = rows.flatMap(({ volume_m3: v, std_m3: s }) => [v - 1.96 * (s || 0), v + 1.96 * (s || 0)])
       .map((value) => value * units.perCubicMetre);
     const [low, high] = [Math.min(0, ...values), Math.max(0, ...values)];
@@ -160,12 +168,13 @@ export default class Series extends React.Component {
               <text x={LEFT - 4} y={y(tick) + 3} textAnchor="end">{tickText(tick, up)}</text>
             </g>
           ))}
-          <polyline className="vc-line" points={rows.map((row, index) => `${x(index)},${at(row)}`).join(" ")} />
+          <polyline className="vc-line" points={rows.map((row, index) => (row.apart.length ? "" : `${x(index)},${at(row)}`)).join(" ")} />
           {rows.map((row, index) => {
             const reach = 1.96 * (row.std_m3 || 0) * units.perCubicMetre;
             const value = row.volume_m3 * units.perCubicMetre;
             return (
-              <g key={row.measurement + row.task} className="vc-dot">
+              <g key={row.measurement + row.task} className={row.apart.length ? "vc-dot vc-hollow" : "vc-dot"}>
+                {row.apart.length ? <title>{this.apart(row)}</title> : null}
                 <line x1={x(index)} x2={x(index)} y1={y(value - reach)} y2={y(value + reach)} />
                 <circle cx={x(index)} cy={at(row)} r="3.5" />
               </g>
@@ -174,6 +183,9 @@ export default class Series extends React.Component {
           <text x={LEFT} y={HEIGHT - 4}>{when(first, false)}</text>
           <text x={WIDTH - RIGHT} y={HEIGHT - 4} textAnchor="end">{when(last, false)}</text>
         </svg>
+        {rows.some(({ apart }) => apart.length) ? (
+          <div className="vc-quiet">{_("Hollow: measured otherwise than the latest, and not compared with it.")}</div>
+        ) : null}
       </figure>
     );
   }

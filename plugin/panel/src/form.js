@@ -7,7 +7,7 @@ import { isUnclear, retyped, typed } from "./units";
 export const EMPTY_FORM = {
   area: "draw", // draw | file | crop | whole
   file: null, // {name, geojson, count}
-  base: "triangulate",
+  base: "", // the server's default
   elevation: "",
   density: "",
   densitySigma: "",
@@ -30,6 +30,17 @@ export const EMPTY_FORM = {
   verticalUnit: "", // as the cloud says
   sourceUnit: "",
 };
+
+/** What a base may be; the server's default comes first. */
+export function basesOf(info) {
+  return [...info.bases, "elevation", "compare"];
+}
+
+/** The form with a base that there is. */
+export function withBase(form, info) {
+  const bases = basesOf(info);
+  return bases.includes(form.base) ? form : { ...form, base: bases[0] };
+}
 
 const CRS = /^\s*(EPSG:\d{1,6}(\+\d{1,6})?\s*$|\+proj=|[A-Z_]{5,20}\s*\[)/i;
 
@@ -114,8 +125,9 @@ export function toOptions(form, units) {
 }
 
 /** A form with the area and the settings of a measurement, to change and measure anew. */
-export function fromDocument({ name, area, options }, units, onMap) {
-  const form = fromOptions(options || {}, units);
+export function fromDocument({ name, area, options, measurement }, units, onMap) {
+  const { base } = measurement.results.find((result) => !result.error) || {};
+  const form = fromOptions({ base, ...options }, units);
   if (!area) return { ...form, area: "whole" };
   if (onMap) return { ...form, area: "draw" };
   return { ...form, area: "file", file: { name, ...readAreas(JSON.stringify(area)) } };

@@ -2,23 +2,34 @@
 
 import { _, fill } from "./gettext";
 
-export const BASES = [
-  ["triangulate", () => _("Ground along the outline"), () => _("Stretched between the points of the outline; right for most piles and pits.")],
-  ["plane", () => _("Best plane"), () => _("A tilted plane through the outline; right for piles on a flat yard.")],
-  ["average", () => _("Level, average"), () => _("A level at the outline's mean elevation.")],
-  ["lowest", () => _("Level, lowest"), () => _("A level at the outline's lowest point.")],
-  ["highest", () => _("Level, highest"), () => _("A level at the outline's highest point; the room left in a pit.")],
-  ["elevation", () => _("Level, at an elevation"), () => _("A level that you give, such as a design height.")],
-  ["compare", () => _("Compare all of them"), () => _("Measures against the outline's ground and lists every other base.")],
-];
+// Which of them there are, and which is the default, the server says.
+const BASES = {
+  kriged: [() => _("Predicted ground"), () => _("The ground under it, predicted from the ground around it (kriging).")],
+  triangulate: [() => _("Ground along the outline"), () => _("Stretched between the points of the outline; right for most piles and pits.")],
+  plane: [() => _("Best plane"), () => _("A tilted plane through the outline; right for piles on a flat yard.")],
+  average: [() => _("Level, average"), () => _("A level at the outline's mean elevation.")],
+  lowest: [() => _("Level, lowest"), () => _("A level at the outline's lowest point.")],
+  highest: [() => _("Level, highest"), () => _("A level at the outline's highest point; the room left in a pit.")],
+  elevation: [() => _("Level, at an elevation"), () => _("A level that you give, such as a design height.")],
+  compare: [() => _("Compare all of them"), () => _("Measures on the first base of this list, and lists what all others give.")],
+};
+
+export function baseHint(base) {
+  return Object.hasOwnProperty.call(BASES, base) ? BASES[base][1]() : null;
+}
 
 export function baseName(base, units) {
-  const known = BASES.find(([key]) => key === base);
-  if (known) return known[1]();
+  if (Object.hasOwnProperty.call(BASES, base)) return BASES[base][0]();
   const level = Number(base);
   return base !== null && base !== "" && Number.isFinite(level)
     ? `${_("Level at")} ${units.length(level)}`
     : String(base);
+}
+
+/** The names of the bases of several areas, each once; null is one that was not measured. */
+function baseNames(bases, units) {
+  const each = [].concat(bases).map((base) => (base === null ? _("one area not measured") : baseName(base, units)));
+  return [...new Set(each)].join("; ");
 }
 
 /** The sentences of warnings; before quantify-client/2 a warning was nothing else. */
@@ -67,6 +78,37 @@ export function budgetWords(source) {
 
 export function shapeWords(shape) {
   return shape === "object" ? _("Closed body") : _("Terrain against a base");
+}
+
+/** What a volume is of: another base gives another volume, with no time in between. */
+export function quantityWords({ shape, base }, units) {
+  return shape === "terrain" && base !== null ? baseName(base, units) : shapeWords(shape);
+}
+
+export function revisionWords(revision) {
+  return fill(_("by version %(number)s of the method"), { number: revision });
+}
+
+const SCALES = {
+  cloud: () => _("not scaled by control"),
+  control: () => _("scaled by control"),
+  unknown: () => _("in an unknown unit"),
+};
+
+const APART = {
+  shape: (quantity, units) => fill(_("of another kind (%(what)s)"), { what: quantityWords(quantity, units) }),
+  method: ({ method }) => fill(_("by another method (%(what)s)"), { what: method }),
+  method_revision: ({ method_revision: revision }) => revisionWords(revision),
+  base: ({ base }, units) => fill(_("on another base (%(what)s)"), { what: baseNames(base, units) }),
+  scale: ({ scale }) => (SCALES[scale] ? SCALES[scale]() : String(scale)),
+  settings: ({ settings }) => fill(_("with other settings (%(what)s)"), {
+    what: Object.keys(settings).map((name) => name.replace(/_/g, " ")).join(", ") || _("none"),
+  }),
+};
+
+/** Why a volume is not compared with another, from what differs (see comparable.js). */
+export function apartWords(quantity, names, units) {
+  return names.map((name) => (APART[name] ? APART[name](quantity, units) : name)).join(", ");
 }
 
 /** A date as the reader's browser writes it; what is none stays as it is. */

@@ -1,9 +1,9 @@
 """Base surfaces: what a pile stands on, or a pit was dug from.
 
 `kriged` is the ground predicted from the ground around the area (`ground`). The others are drawn
-through the rim. A new one is a function from a `BaseSite` to heights, and a line in the table
-`SURFACES` at the end of this module: its error follows from how far it departs from the predicted
-ground (`budget`).
+through the rim. A new one is a function from a `BaseSite` to heights, a line in the table
+`SURFACES` at the end of this module, and its name in `options`: its error follows from how far it
+departs from the predicted ground (`budget`).
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 from shapely.geometry import Polygon
 
 from ...errors import SupportError
+from ...options import BASES
 from ...types import FloatArray, IntArray
 from .grid import CellWindow
 from .ground import Ground
@@ -26,7 +27,7 @@ from .membrane import stretch
 from .rim import Rim
 from .robust import plane_through
 
-__all__ = ["BASES", "Base", "make_base"]
+__all__ = ["BASES", "KRIGED", "SURFACES", "Base", "make_base"]
 
 
 @dataclass(frozen=True)
@@ -175,7 +176,7 @@ def _level(site: BaseSite, height: float) -> FloatArray:
     return np.full(np.count_nonzero(site.inside), height)
 
 
-#: The base surfaces through the rim by name, in the order in which a comparison lists them.
+#: The base surfaces through the rim by name.
 SURFACES: Mapping[str, Callable[[BaseSite], FloatArray]] = {
     "triangulate": _triangulate,
     "plane": _plane,
@@ -185,4 +186,3 @@ SURFACES: Mapping[str, Callable[[BaseSite], FloatArray]] = {
 }
 
 KRIGED = "kriged"
-BASES = (KRIGED, *SURFACES)

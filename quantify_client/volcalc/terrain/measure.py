@@ -9,6 +9,7 @@ import numpy as np
 from scipy import ndimage
 from shapely.geometry import MultiPolygon, Polygon
 
+from ...options import DEFAULT_BASE
 from ...types import AreaResult, Relief
 from .accumulate import AreaPoints
 from .base import BASES, make_base
@@ -35,7 +36,7 @@ class TerrainRecipe:
     brief : only volumes and that of the check, for grid offsets whose mean has another's budget.
     """
 
-    base: Union[str, float] = "triangulate"
+    base: Union[str, float] = DEFAULT_BASE
     slices: Union[str, int] = "auto"
     slice_height: Optional[float] = None
     ground_factor: float = 1.0
