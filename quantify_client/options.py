@@ -33,7 +33,7 @@ __all__ = [
 #: The revisions of the method, each with the base that volumes are measured from unless another
 #: is asked for. One is added when the same cloud gives other numbers than before: volumes of
 #: different revisions are not subtracted from each other (docs/method.md lists what changed).
-METHOD_REVISIONS = {1: "triangulate"}
+METHOD_REVISIONS = {1: "triangulate", 2: "kriged"}
 METHOD_REVISION = max(METHOD_REVISIONS)
 DEFAULT_BASE = METHOD_REVISIONS[METHOD_REVISION]
 
