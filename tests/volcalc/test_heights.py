@@ -244,7 +244,7 @@ def test_only_needed_gaps_get_a_membrane_and_the_others_their_nearest_height():
 
 
 def test_heights_are_those_of_the_middles_of_cells_wherever_their_points_lie():
-    """On a steep plane the points of a cell are off its middle by chance: the mean height is not."""
+    """On a steep plane a cell's points are off its middle by chance; its height is not."""
     x, y = random_places(20_000)
     heights = heights_of(x, y, 0.6 * x - 0.4 * y)
     window = heights.window

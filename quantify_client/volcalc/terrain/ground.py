@@ -40,7 +40,8 @@ class Ground:
     covariance : (T, T) of their errors, m2.
     unshared : variance of each cell's part that blocks of ground do not share, m2: white noise, and
         all that is finer than the blocks.
-    relief : RMS of the ground's heights around the area about a plane, metres.
+    relief : RMS of the ground's heights around the area about a plane, beyond noise, metres; 0 where
+        it is less than the noise of a cell.
     """
 
     min_x: float
@@ -123,7 +124,9 @@ def find_ground(
         known.places, known.z, known.cells, wanted, known.finest, known.extent
     )
     number = np.where(used, np.cumsum(used) - 1, 0)
-    relief = plane_residuals(known.places.x, known.places.y, known.z, known.cells)
+    off = plane_residuals(known.places.x, known.places.y, known.z, known.cells)
+    square = (known.cells @ off**2 - len(off) * prediction.unshared) / known.cells.sum()
+    relief = float(np.sqrt(square)) if square > prediction.unshared else 0.0
     return Ground(
         left,
         low,
@@ -135,7 +138,7 @@ def find_ground(
         prediction.mean,
         prediction.covariance,
         prediction.unshared,
-        float(np.sqrt(np.average(relief**2, weights=known.cells))),
+        relief,
     )
 
 
