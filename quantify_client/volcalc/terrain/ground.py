@@ -9,13 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import shapely
 from scipy import sparse
 from shapely.geometry import MultiPolygon, Polygon
 
 from ...types import FloatArray, IntArray
 from .covariance import Blocks, predict_blocks
-from .ground_blocks import ground_blocks
+from .ground_blocks import GroundBlocks, ground_blocks
 from .heights import CellHeights
 from .robust import plane_residuals
 
@@ -24,33 +23,83 @@ __all__ = ["Ground", "find_ground"]
 #: Squares that the predicted surface over an area has, about.
 _SQUARES = 64.0
 
+#: Squares along either side, at most, where parts of an area are far apart.
+_MOST_COLUMNS = 128.0
+
 
 @dataclass(frozen=True)
-class Ground:
-    """Predicted heights of the ground at nodes of a lattice over an area.
-
-    The height anywhere else is interpolated between the four nodes around it.
+class _Lattice:
+    """Nodes of squares over an area.
 
     Attributes
     ----------
     min_x, min_y, step_x, step_y : first node and distances between nodes, metres.
-    columns, rows : nodes of the whole lattice.
-    number : (rows * columns,) number of each of the T nodes that are used, 0 for the others.
-    mean : (T,) predicted heights, metres.
-    covariance : (T, T) of their errors, m2.
-    unshared : variance of each cell's part that blocks of ground do not share, m2: white noise, and
-        all that is finer than the blocks.
-    relief : RMS of the ground's heights around the area about a plane, beyond noise, metres; 0 where
-        it is less than the noise of a cell.
+    number : (rows, columns) number of each of the T nodes that are used, 0 for the others.
+    used : (T,) which they are, counted row by row.
     """
 
     min_x: float
     min_y: float
     step_x: float
     step_y: float
-    columns: int
-    rows: int
     number: IntArray
+    used: IntArray
+
+    @classmethod
+    def over(cls, x: FloatArray, y: FloatArray, cell: float, step: float) -> _Lattice:
+        """Return the lattice over cells with these middles, wherever grid offsets move them."""
+        left, right, low, high = x.min() - cell, x.max() + cell, y.min() - cell, y.max() + cell
+        step = max(step, (right - left) / _MOST_COLUMNS, (high - low) / _MOST_COLUMNS)
+        wide, tall = (int(np.ceil(side / step)) for side in (right - left, high - low))
+        step_x, step_y = (right - left) / wide, (high - low) / tall
+        used = np.zeros((tall + 1, wide + 1), dtype=bool)
+        for u in ((x - cell - left) / step_x, (x + cell - left) / step_x):
+            for v in ((y - cell - low) / step_y, (y + cell - low) / step_y):
+                column = np.minimum(u.astype(np.int64), wide - 1)
+                used[np.minimum(v.astype(np.int64), tall - 1), column] = True
+        # Corners of the squares that are used.
+        used[:, 1:] |= used[:, :-1].copy()
+        used[1:] |= used[:-1].copy()
+        number = np.where(used, np.cumsum(used).reshape(used.shape) - 1, 0)
+        return cls(left, low, step_x, step_y, number, np.flatnonzero(used))
+
+    def squares(self) -> Blocks:
+        """Return the squares around the used nodes."""
+        row, column = np.divmod(self.used, self.number.shape[1])
+        spread = np.full(len(self.used), (self.step_x**2 + self.step_y**2) / 12.0)
+        return Blocks(self.min_x + column * self.step_x, self.min_y + row * self.step_y, spread)
+
+    def shares(self, x: FloatArray, y: FloatArray) -> sparse.csr_matrix:
+        """Return the shares (N, T) of the nodes in the heights at places (N,), metres."""
+        tall, wide = self.number.shape
+        u = np.clip((x - self.min_x) / self.step_x, 0.0, wide - 1.0)
+        v = np.clip((y - self.min_y) / self.step_y, 0.0, tall - 1.0)
+        left = np.minimum(u.astype(np.int64), wide - 2)
+        low = np.minimum(v.astype(np.int64), tall - 2)
+        a, b = u - left, v - low
+        share = np.stack([(1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b])
+        node = np.stack([self.number[low + i, left + j] for i in (0, 1) for j in (0, 1)])
+        place = np.tile(np.arange(len(x)), 4)
+        shape = (len(x), len(self.used))
+        return sparse.csr_matrix((share.ravel(), (place, node.ravel())), shape)
+
+
+@dataclass(frozen=True)
+class Ground:
+    """Predicted heights of the ground over an area.
+
+    Attributes
+    ----------
+    lattice : T nodes; the height anywhere is interpolated between the four nodes around it.
+    mean : (T,) predicted heights, metres.
+    covariance : (T, T) of their errors, m2.
+    unshared : variance of each cell's part that blocks of ground do not share, m2: white noise, and
+        all that is finer than the blocks.
+    relief : RMS of the ground's heights around the area about a plane, beyond noise, metres; 0
+        where it is less than the noise of a cell.
+    """
+
+    lattice: _Lattice
     mean: FloatArray
     covariance: FloatArray
     unshared: float
@@ -58,11 +107,13 @@ class Ground:
 
     def shifted(self, east: float, north: float) -> Ground:
         """Return the ground moved, metres."""
-        return replace(self, min_x=self.min_x + east, min_y=self.min_y + north)
+        lattice = self.lattice
+        moved = replace(lattice, min_x=lattice.min_x + east, min_y=lattice.min_y + north)
+        return replace(self, lattice=moved)
 
     def heights(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the predicted heights at places, all (N,), metres."""
-        return np.asarray(self._shares(x, y) @ self.mean)
+        return np.asarray(self.lattice.shares(x, y) @ self.mean)
 
     def errors(self, x: FloatArray, y: FloatArray, weights: FloatArray) -> FloatArray:
         """Return the standard deviations (K,) of sums of predicted heights.
@@ -72,23 +123,9 @@ class Ground:
         x, y : (N,) places, metres.
         weights : (K, N) of their heights in each sum, m2.
         """
-        of_nodes = self._shares(x, y).T @ weights.T
+        of_nodes = self.lattice.shares(x, y).T @ weights.T
         variance = np.einsum("tk,ts,sk->k", of_nodes, self.covariance, of_nodes)
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
-
-    def _shares(self, x: FloatArray, y: FloatArray) -> sparse.csr_matrix:
-        """Return the shares (N, T) of the nodes in the heights at places (N,), metres."""
-        u = np.clip((x - self.min_x) / self.step_x, 0.0, self.columns - 1.0)
-        v = np.clip((y - self.min_y) / self.step_y, 0.0, self.rows - 1.0)
-        left = np.minimum(u.astype(np.int64), self.columns - 2)
-        low = np.minimum(v.astype(np.int64), self.rows - 2)
-        a, b = u - left, v - low
-        first = low * self.columns + left
-        node = np.stack([first, first + 1, first + self.columns, first + self.columns + 1])
-        share = np.stack([(1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b])
-        place = np.tile(np.arange(len(x)), 4)
-        shape = (len(x), len(self.mean))
-        return sparse.csr_matrix((share.ravel(), (place, self.number[node].ravel())), shape)
 
 
 def find_ground(
@@ -106,58 +143,23 @@ def find_ground(
     fraction : (ny, nx) share of each cell inside the area.
     around : (K, 3) points beyond the window.
     """
-    beyond = np.empty((0, 3)) if around is None else around
-    known = ground_blocks(polygon, heights, fraction, beyond)
+    known = ground_blocks(
+        polygon, heights, fraction, np.empty((0, 3)) if around is None else around
+    )
     if known is None:
         return None
-    cell = heights.window.cell
-    # Cells are measured with grid offsets: their middles may lie a cell beyond the outline.
-    left, low, right, high = shapely.box(*polygon.bounds).buffer(cell).bounds
     step = max(known.finest, float(np.sqrt(polygon.area / _SQUARES)))
-    columns, rows = (int(np.ceil(side / step)) + 1 for side in (right - left, high - low))
-    step_x, step_y = (right - left) / (columns - 1), (high - low) / (rows - 1)
-    used = _used(polygon.buffer(cell), left, low, step_x, step_y, columns, rows)
-    at = np.flatnonzero(used)
-    x, y = left + at % columns * step_x, low + at // columns * step_y
-    wanted = Blocks(x, y, np.full(len(at), (step_x**2 + step_y**2) / 12.0))
-    prediction = predict_blocks(
-        known.places, known.z, known.cells, wanted, known.finest, known.extent
+    middles = heights.window.middles(fraction > 0)
+    lattice = _Lattice.over(*middles, heights.window.cell, step)
+    found = predict_blocks(
+        known.places, known.z, known.cells, lattice.squares(), known.finest, known.extent
     )
-    number = np.where(used, np.cumsum(used) - 1, 0)
+    relief = _relief(known, found.unshared)
+    return Ground(lattice, found.mean, found.covariance, found.unshared, relief)
+
+
+def _relief(known: GroundBlocks, unshared: float) -> float:
+    """Return the RMS of the blocks about a plane, beyond noise; 0 below the noise of a cell."""
     off = plane_residuals(known.places.x, known.places.y, known.z, known.cells)
-    square = (known.cells @ off**2 - len(off) * prediction.unshared) / known.cells.sum()
-    relief = float(np.sqrt(square)) if square > prediction.unshared else 0.0
-    return Ground(
-        left,
-        low,
-        step_x,
-        step_y,
-        columns,
-        rows,
-        number,
-        prediction.mean,
-        prediction.covariance,
-        prediction.unshared,
-        relief,
-    )
-
-
-def _used(
-    area: Polygon | MultiPolygon,
-    left: float,
-    low: float,
-    step_x: float,
-    step_y: float,
-    columns: int,
-    rows: int,
-) -> IntArray:
-    """Return which nodes of a lattice are corners of squares with a share in the area, flat."""
-    x, y = left + np.arange(columns) * step_x, low + np.arange(rows) * step_y
-    shapely.prepare(area)
-    squares = shapely.box(x[None, :-1], y[:-1, None], x[None, 1:], y[1:, None])
-    touched = shapely.intersects(area, squares)
-    corners = np.zeros((rows, columns), dtype=bool)
-    for rise in (slice(None, -1), slice(1, None)):
-        for right in (slice(None, -1), slice(1, None)):
-            corners[rise, right] |= touched
-    return corners.ravel()
+    square = float(known.cells @ off**2 - len(off) * unshared) / float(known.cells.sum())
+    return float(np.sqrt(square)) if square > unshared else 0.0
