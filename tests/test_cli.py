@@ -33,7 +33,8 @@ def test_json_holds_the_volume_and_what_decides_it(site, document):
     assert high - low == pytest.approx(2 * 1.96 * result["std_m3"], rel=1e-9)
     assert result["area_m2"] == pytest.approx(PILE.area.area / k**2, rel=1e-9)
     assert result["perimeter_m"] == pytest.approx(PILE.area.length / k, rel=1e-9)
-    assert result["max_height_m"] == pytest.approx(4.0, abs=0.15)
+    # The highest cell is a quarter of a metre wide: the mean of a tip.
+    assert result["max_height_m"] == pytest.approx(4.0, abs=0.2)
     assert result["mass_t"] is None
     assert result["mass_std_t"] is None
     told_of = told["provenance"]

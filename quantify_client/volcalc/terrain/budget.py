@@ -26,6 +26,9 @@ __all__ = ["error_budget", "onto_measured"]
 #: anything between a third below and a third above the middle is equally likely (1 / sqrt(27)).
 _UNSEEN_STEP = 0.19
 
+#: Distances in cells at which neighbours are compared; between them it is interpolated.
+_LAGS = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128])
+
 _BOOLS = npt.NDArray[np.bool_]
 
 
@@ -121,15 +124,17 @@ def _flat_ground(volume: CutFill, shared: float, sigma: FloatArray) -> float:
 def _coverage(surface: AreaSurface, sides: _BOOLS) -> list[float]:
     """Return the error of heights interpolated over gaps, for each side (K, ny, nx).
 
-    The ground's roughness is how far a cell is off the mean of its four neighbours, beyond noise; a
-    gap's error grows with the power 1.5 of its depth in cells. Where a gap lies between high and
-    low ground, as in the blind spot beside a wall, a share of that step is added. Each gap has one
-    error over all of it, independent of those of other gaps.
+    A height interpolated at some depth inside a gap is as wrong as cells are off the mean of their
+    neighbours at that distance. Where a gap lies between high and low ground, as in the blind spot
+    beside a wall, a share of that step is added. Each gap has one error over all of it, independent
+    of those of other gaps.
     """
     gaps = sides & ~surface.measured
     if not gaps.any():
         return [0.0] * len(gaps)
-    by_shape = _roughness(surface) * surface.nearest[0] ** 1.5
+    depth = np.where(gaps.any(axis=0), surface.nearest[0], 0.0)
+    lags, off = _off_neighbours(surface, float(depth.max()))
+    by_shape = np.interp(depth, lags, off)
     step = _UNSEEN_STEP * _local_step(surface.heights.z)
     return [_over_gaps(gap, surface.a, by_shape, step) for gap in gaps]
 
@@ -152,18 +157,29 @@ def _local_step(z: FloatArray) -> FloatArray:
     return np.where(np.isfinite(high - low), high - low, 0.0)
 
 
-def _roughness(surface: AreaSurface) -> float:
-    """Return the RMS by which cells are off the mean of their four neighbours, beyond noise."""
-    z, noise = surface.heights.z, surface.noise
-    middle = z[1:-1, 1:-1]
-    around = (z[:-2, 1:-1] + z[2:, 1:-1] + z[1:-1, :-2] + z[1:-1, 2:]) / 4
-    off = (middle - around)[np.isfinite(middle - around)]
-    if not len(off):
-        # Not one cell has four neighbours: the noise of a cell is a lower limit.
-        return noise.independent
-    square = float(np.mean(np.clip(off, *np.quantile(off, [0.005, 0.995])) ** 2))
-    # The interpolated height has a quarter of the variance of a cell's noise, whatever the ground.
-    return float(np.sqrt(max(square - 1.25 * noise.independent**2, 0.0) + noise.independent**2 / 4))
+def _off_neighbours(surface: AreaSurface, deepest: float) -> tuple[FloatArray, FloatArray]:
+    """Return distances in cells, and how far cells are off the mean of four neighbours there.
+
+    It is an RMS beyond noise, but not below half of the noise of a cell. Where no cell has four
+    neighbours at some distance, it is that of the next shorter one in proportion.
+    """
+    z, noise = surface.heights.z, surface.noise.independent
+    lags, found = [0.0], [noise / 2.0]
+    for lag in (*_LAGS[deepest > _LAGS], int(np.ceil(deepest))):
+        off = np.empty(0)
+        if 2 * lag < min(z.shape):
+            middle = z[lag:-lag, lag:-lag]
+            around = z[: -2 * lag, lag:-lag] + z[2 * lag :, lag:-lag]
+            around = around + z[lag:-lag, : -2 * lag] + z[lag:-lag, 2 * lag :]
+            off = (middle - around / 4.0)[np.isfinite(middle + around)]
+        if len(off):
+            # The interpolated height has a quarter of the variance of a cell's noise.
+            square = max(float(np.mean(off**2)) - 1.25 * noise**2, 0.0)
+            found.append(float(np.sqrt(square + noise**2 / 4.0)))
+        else:
+            found.append(found[-1] * lag / max(lags[-1], 1.0))
+        lags.append(float(lag))
+    return np.array(lags), np.array(found)
 
 
 def _unmeasured(volume: CutFill) -> float:

@@ -48,6 +48,9 @@ _OBJECT_SHARE = 0.3
 #: loose material is 30 to 40 degrees, and what is flatter is left out further out than needed.
 _FLANK = 0.5
 
+#: Scatter of the ground, at least, in sides of a square: no survey is as smooth.
+_LEAST_SCATTER = 1.0 / 1024.0
+
 #: Points of the ground that a plane is fitted to, at most.
 _PLANE_POINTS = 4096
 
@@ -185,7 +188,9 @@ def _without_objects(points: _Points, squares: _Squares) -> _Points:
     inside of the scatter for as long as that height over its slope.
     """
     some = slice(None, None, -(-len(points.x) // _PLANE_POINTS))
-    plane, scatter = robust_plane(points.x[some], points.y[some], points.z[some])
+    plane, scatter = robust_plane(
+        points.x[some], points.y[some], points.z[some], _LEAST_SCATTER * squares.step
+    )
     limit = TUKEY * scatter
     outlying = np.abs(points.z - plane(points.x, points.y)) > limit
     at = squares.at(points.x, points.y)

@@ -48,16 +48,19 @@ def plane_residuals(x: FloatArray, y: FloatArray, z: FloatArray, weight: FloatAr
     return np.asarray(z - plane_through(x, y, z, weight)(x, y))
 
 
-def robust_plane(x: FloatArray, y: FloatArray, z: FloatArray) -> tuple[Plane, float]:
+def robust_plane(x: FloatArray, y: FloatArray, z: FloatArray, least: float) -> tuple[Plane, float]:
     """Return a plane through most of the heights, and their robust standard deviation about it.
 
     Iteratively reweighted least squares with Tukey's biweight; all (M,), metres.
+
+    Parameters
+    ----------
+    least : a standard deviation is at least this: rounding must not look like an outlier.
     """
     plane, scatter, weight = plane_through(x, y, z, np.ones_like(z)), 0.0, np.ones_like(z)
     for _ in range(_PLANE_ROUNDS):
         off = z - plane(x, y)
-        # One millimetre: smoother than any survey, and rounding must not look like an outlier.
-        scatter = max(MAD * quantile(np.abs(off), 0.5), 1e-3)
+        scatter = max(MAD * quantile(np.abs(off), 0.5), least)
         weight = np.clip(1.0 - (off / (TUKEY * scatter)) ** 2, 1e-6, None) ** 2
         plane = plane_through(x, y, z, weight)
     return plane, scatter
