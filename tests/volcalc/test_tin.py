@@ -7,9 +7,9 @@ import pytest
 import shapely
 from shapely.geometry import Point, Polygon, box
 
-from quantify_client.volcalc.terrain.accumulate import MAX_POINTS, PointSample, first_of, priority
 from quantify_client.volcalc.terrain.grid import cell_fractions, polygons_of
 from quantify_client.volcalc.terrain.rim import sample_rim
+from quantify_client.volcalc.terrain.sample import MAX_POINTS, PointSample, first_of, priority
 from quantify_client.volcalc.terrain.tin import tin_integral
 
 from .grounds import EAST, LEVEL, NORTH, at_site, ground_under
@@ -34,7 +34,7 @@ def sampled(xy, z, pieces=1, seed=None):
     for part in np.array_split(order, pieces):
         xyz = np.column_stack([xy[part], z[part]])
         first = priority(xyz)
-        near = first <= sample.limit
+        near = first <= sample.limits[0]
         sample.absorb(first_of(np.column_stack([first, xyz])[near]))
     return sample.points()
 

@@ -46,14 +46,13 @@ def measure_area(
     ground = offsets[0][0].ground
     if polygon.area > _FEW_CELLS * cell**2:
         return _combined(offsets)
-    for east, north in ((round(x * cubes.factor), round(y * cubes.factor)) for x, y in _OFFSETS):
-        move = np.array([east * cubes.cell, north * cubes.cell, 0.0])
-        moved = replace(points, cubes=cubes.shifted(east, north), sample=points.sample + move)
-        shape = affinity.translate(polygon, move[0], move[1])
+    for columns, rows in _OFFSETS:
+        east, north = round(columns * cubes.factor), round(rows * cubes.factor)
+        x, y = east * cubes.cell, north * cubes.cell
+        shape, moved = affinity.translate(polygon, x, y), points.shifted(east, north)
+        moved_ground = ground and ground.shifted(x, y)
         try:
-            offsets.append(
-                measure_terrain(name, shape, moved, brief, ground and ground.shifted(*move[:2]))
-            )
+            offsets.append(measure_terrain(name, shape, moved, brief, moved_ground))
         except SupportError:
             continue  # at the very limit of what is measured at all
     return _combined(offsets)
