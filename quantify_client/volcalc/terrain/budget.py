@@ -26,6 +26,11 @@ __all__ = ["error_budget", "onto_measured"]
 #: anything between a third below and a third above the middle is equally likely (1 / sqrt(27)).
 _UNSEEN_STEP = 0.19
 
+#: Share of the rise to the middle of a gap, if its border's slope goes on, by which its mean height
+#: may be off: a third is the mean over a round gap, and anything between that below and above the
+#: interpolation is equally likely (1 / sqrt(27)).
+_CONTINUED = 0.19
+
 #: Distances in cells at which neighbours are compared; between them it is interpolated.
 _LAGS = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128])
 
@@ -125,9 +130,10 @@ def _coverage(surface: AreaSurface, sides: _BOOLS) -> list[float]:
     """Return the error of heights interpolated over gaps, for each side (K, ny, nx).
 
     A height interpolated at some depth inside a gap is as wrong as cells are off the mean of their
-    neighbours at that distance. Where a gap lies between high and low ground, as in the blind spot
-    beside a wall, a share of that step is added. Each gap has one error over all of it, independent
-    of those of other gaps.
+    neighbours at that distance. Where the ground rises towards a gap from all sides it may go on
+    rising to its middle, and where a gap lies between high and low ground, as in the blind spot
+    beside a wall, the step may be anywhere. Each gap has one error over all of it, independent of
+    those of other gaps.
     """
     gaps = sides & ~surface.measured
     if not gaps.any():
@@ -135,18 +141,43 @@ def _coverage(surface: AreaSurface, sides: _BOOLS) -> list[float]:
     depth = np.where(gaps.any(axis=0), surface.nearest[0], 0.0)
     lags, off = _off_neighbours(surface, float(depth.max()))
     by_shape = np.interp(depth, lags, off)
-    step = _UNSEEN_STEP * _local_step(surface.heights.z)
-    return [_over_gaps(gap, surface.a, by_shape, step) for gap in gaps]
+    inward = _inward_slope(surface.filled, ~surface.measured)
+    step = _local_step(surface.heights.z)
+    return [_over_gaps(gap, surface.a, depth, by_shape, inward, step) for gap in gaps]
 
 
-def _over_gaps(gap: _BOOLS, a: FloatArray, by_shape: FloatArray, step: FloatArray) -> float:
-    """Return the error over some gaps, from the deepest place and the mean step of each."""
+def _over_gaps(
+    gap: _BOOLS,
+    a: FloatArray,
+    depth: FloatArray,
+    by_shape: FloatArray,
+    inward: FloatArray,
+    step: FloatArray,
+) -> float:
+    """Return the error over some gaps, from the deepest place, the border and the step of each."""
     label, number = ndimage.label(gap)
     index = np.arange(1, number + 1)
     area = np.asarray(ndimage.sum_labels(a, label, index))
-    deepest = np.asarray(ndimage.maximum(by_shape, label, index))
+    deepest, shape = (
+        np.asarray(ndimage.maximum(values, label, index)) for values in (depth, by_shape)
+    )
+    # The second ring around each gap: the slope of the first has its interpolated heights in it.
+    near, further = (ndimage.grey_dilation(label, size=(side, side)) for side in (3, 5))
+    border = np.where(near > 0, 0, further)
+    cells = np.bincount(border.ravel(), minlength=number + 1)[1:]
+    rising = deepest * ndimage.sum_labels(inward, border, index) / np.maximum(cells, 1)
     mean = np.asarray(ndimage.mean(step, label, index))
-    return float(np.sqrt((area**2 * (deepest**2 + mean**2)).sum()))
+    square = shape**2 + (_CONTINUED * rising) ** 2 + (_UNSEEN_STEP * mean) ** 2
+    return float(np.sqrt((area**2 * square).sum()))
+
+
+def _inward_slope(z: FloatArray, gap: _BOOLS) -> FloatArray:
+    """Return how much each cell near a gap rises towards it, metres a cell; 0 elsewhere."""
+    rise_v, rise_u = np.gradient(z)
+    in_v, in_u = np.gradient(ndimage.uniform_filter(gap.astype(np.float64), 5))
+    norm = np.hypot(in_u, in_v)
+    rise = np.divide(rise_u * in_u + rise_v * in_v, norm, out=np.zeros_like(norm), where=norm > 0)
+    return np.asarray(np.nan_to_num(rise))
 
 
 def _local_step(z: FloatArray) -> FloatArray:
@@ -160,10 +191,13 @@ def _local_step(z: FloatArray) -> FloatArray:
 def _off_neighbours(surface: AreaSurface, deepest: float) -> tuple[FloatArray, FloatArray]:
     """Return distances in cells, and how far cells are off the mean of four neighbours there.
 
+    Only cells of the area count: the ground around it has less shape.
+
     It is an RMS beyond noise, but not below half of the noise of a cell. Where no cell has four
     neighbours at some distance, it is that of the next shorter one in proportion.
     """
-    z, noise = surface.heights.z, surface.noise.independent
+    noise = surface.noise.independent
+    z = np.where(surface.inside, surface.heights.z, np.nan)
     lags, found = [0.0], [noise / 2.0]
     for lag in (*_LAGS[deepest > _LAGS], int(np.ceil(deepest))):
         off = np.empty(0)

@@ -141,7 +141,7 @@ def find_ground(
     polygon : the area, metres.
     heights : of the cells of a window around it.
     fraction : (ny, nx) share of each cell inside the area.
-    around : (K, 3) points beyond the window.
+    around : (K, 3) single points; those beyond the window count.
     """
     known = ground_blocks(
         polygon, heights, fraction, np.empty((0, 3)) if around is None else around

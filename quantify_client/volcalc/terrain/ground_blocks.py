@@ -138,7 +138,7 @@ def ground_blocks(
     polygon : the area, metres.
     heights : of the cells of a window around it.
     fraction : (ny, nx) share of each cell inside the area.
-    around : (K, 3) points beyond the window.
+    around : (K, 3) single points; those beyond the window count.
     """
     cell = heights.window.cell
     size = max(block_size(polygon), cell)
@@ -168,8 +168,10 @@ def _blocks(ground: _Points, area: _Points, size: float, cell: float) -> GroundB
 
 
 def _seen(heights: CellHeights, wanted: npt.NDArray[np.bool_], around: FloatArray) -> _Points:
-    """Return wanted cells that have a height, thinned where they are many, and points around."""
+    """Return wanted cells that have a height, thinned where they are many, and points beyond."""
     window = heights.window
+    column, row = (np.floor(place).astype(np.int64) for place in window.in_cells(*around.T[:2]))
+    around = around[~window.holds(row, column)]
     every = int(np.ceil(np.sqrt(wanted.size / _MOST_CELLS)))
     row, column = np.nonzero((wanted & np.isfinite(heights.z))[::every, ::every])
     row, column = row * every, column * every

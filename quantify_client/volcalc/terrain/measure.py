@@ -75,7 +75,7 @@ def measure_terrain(
     surface = find_surface(polygon, points.cubes, recipe.ground_factor)
     bases = BASES if recipe.base == "compare" else [recipe.base]
     if ground is None and isinstance(recipe.base, str):
-        ground = find_ground(polygon, surface.heights, surface.fraction)
+        ground = find_ground(polygon, surface.heights, surface.fraction, points.around)
     return tuple(_on_base(name, base, surface, ground, points, recipe) for base in bases)
 
 
