@@ -121,9 +121,7 @@ def measure_noise(
     if len(observed):
         independent, correlated, length = _fit(observed, np.sqrt(degrees), order)
     varying = (fraction > 0) & (not brief)
-    each, point = white_noise(
-        independent, z, count, unplaced, filled, np.isfinite(ground), varying
-    )
+    each, point = white_noise(independent, z, count, unplaced, filled, np.isfinite(ground), varying)
     return Noise(independent, correlated, length, each, point)
 
 
