@@ -72,7 +72,7 @@ def measure_terrain(
     SupportError
         When points support less than half of the area.
     """
-    surface = find_surface(polygon, points.cubes, recipe.ground_factor)
+    surface = find_surface(polygon, points.cubes, recipe.ground_factor, brief=recipe.brief)
     bases = BASES if recipe.base == "compare" else [recipe.base]
     if ground is None and isinstance(recipe.base, str):
         ground = find_ground(polygon, surface.heights, surface.fraction, points.around)

@@ -14,11 +14,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from typing import Union
 
 import numpy as np
 from scipy import ndimage
 
 from ...types import FloatArray
+from .point_noise import white_noise
 from .robust import quantile
 
 __all__ = ["Noise", "functional_std", "measure_noise", "sampled_std"]
@@ -81,14 +83,15 @@ class Noise:
     correlated : standard deviation, metres.
     length : correlation length, in cells.
     cell : (ny, nx) float64, independent standard deviation of each cell, metres.
-    point : independent standard deviation of a single point where it lies, metres.
+    point : (ny, nx) float64, independent standard deviation of a single point where it lies,
+        metres; or one number for all.
     """
 
     independent: float
     correlated: float
     length: float
     cell: FloatArray
-    point: float = 0.0
+    point: Union[float, FloatArray] = 0.0
 
 
 def measure_noise(
@@ -97,6 +100,8 @@ def measure_noise(
     unplaced: FloatArray,
     filled: FloatArray,
     fraction: FloatArray,
+    *,
+    brief: bool = False,
 ) -> Noise:
     """Return the noise of cell heights, measured from the heights themselves.
 
@@ -108,13 +113,15 @@ def measure_noise(
     filled : `z` with its gaps closed.
     fraction : (ny, nx) share of each cell inside the area. The ground outside has less shape than
         what is measured, so the noise is measured there where there is enough of it.
+    brief : white noise as on the ground, whatever slope and density are.
     """
     ground, order = _ground_around(z, fraction)
     observed, degrees = _variances(ground, order)
     independent, correlated, length = 0.0, 0.0, 1.0
     if len(observed):
         independent, correlated, length = _fit(observed, np.sqrt(degrees), order)
-    each, point = _cell_sigma(independent, z, count, unplaced, filled)
+    varying = (fraction > 0) & (not brief)
+    each, point = white_noise(independent, z, count, unplaced, filled, np.isfinite(ground), varying)
     return Noise(independent, correlated, length, each, point)
 
 
@@ -158,29 +165,6 @@ def _variances(z: FloatArray, order: int) -> tuple[FloatArray, FloatArray]:
         variances.append(spread**2)
         degrees.append(independent / _DIFFERENCES_PER_DEGREE[order])
     return np.array(variances), np.array(degrees)
-
-
-def _cell_sigma(
-    independent: float,
-    z: FloatArray,
-    count: FloatArray,
-    unplaced: FloatArray,
-    filled: FloatArray,
-) -> tuple[FloatArray, float]:
-    """Return each cell's independent standard deviation, and that of a single point.
-
-    The n points of a sloping cell lie where they are known to be within a variance u of each along
-    either axis, so that their mean height is off by slope * cell * sqrt(u / n). The differences
-    measured the sum of both over typical ground.
-    """
-    known = np.isfinite(z)
-    if not known.any():
-        return np.zeros(z.shape), 0.0
-    down, right = np.gradient(np.where(np.isfinite(filled), filled, z[known].mean()))
-    by_place = (down**2 + right**2) * unplaced
-    typical = quantile(count[known], 0.5)
-    by_noise = max(independent**2 * typical - quantile(by_place[known], 0.5), 0.0)
-    return np.sqrt((by_noise + by_place) / np.maximum(count, 1)), float(np.sqrt(by_noise))
 
 
 def _running_sums(z: FloatArray) -> FloatArray:

@@ -106,7 +106,7 @@ class CutFill:
 
 
 def find_surface(
-    polygon: Polygon | MultiPolygon, cubes: Cubes, ground_factor: float
+    polygon: Polygon | MultiPolygon, cubes: Cubes, ground_factor: float, *, brief: bool = False
 ) -> AreaSurface:
     """Return the surface of an area.
 
@@ -114,6 +114,7 @@ def find_surface(
     ----------
     polygon : valid, metres, in the coordinates of the cubes.
     cubes : from `fit_cells`.
+    brief : see `measure_noise`.
 
     Raises
     ------
@@ -131,7 +132,9 @@ def find_surface(
     needed = ndimage.binary_dilation(fraction > 0, iterations=2)
     filled = fill_gaps(heights.z, reach, needed)
     rim = sample_rim(parts, heights, fraction)
-    noise = measure_noise(heights.z, heights.places, heights.unplaced, filled, fraction)
+    noise = measure_noise(
+        heights.z, heights.places, heights.unplaced, filled, fraction, brief=brief
+    )
     return AreaSurface(
         polygon, parts, heights, filled, fraction, coverage, rim, noise, ground_factor
     )
