@@ -145,7 +145,7 @@ class AroundRoutes:
         x, y = x - self._corner[0].take(area), y - self._corner[1].take(area)
         beside = np.maximum(np.abs(u - 0.5), np.abs(v - 0.5))
         square = (row - 1) // _PARTS * _SQUARES + (column - 1) // _PARTS
-        key = square + place_hash(x, y, z) * 2.0**-32
+        key = square + place_hash(x, y) * 2.0**-32
         number = self._number.take(area)
         good = (beside < 0.5 - _RIM) & (square < self._rows.take(area) * _SQUARES)
         kept = np.flatnonzero(good & (key <= limits[number, square]))
