@@ -12,7 +12,7 @@ from ...types import FloatArray, IntArray, Window
 from .grid import CellWindow
 from .histogram import Cubes, run_starts
 
-__all__ = ["CellHeights", "cell_heights", "fit_cells"]
+__all__ = ["LAYER_SHARE", "MARGIN", "CellHeights", "cell_heights", "fit_cells"]
 
 #: Cells hold so many points, on average and at least: about two spacings a side.
 POINTS_PER_CELL = 4.5
@@ -24,7 +24,7 @@ MARGIN = 24
 _BLOCK_POINTS = 64.0
 
 #: A separate layer of heights is surface when it has this share of its neighbourhood's points.
-_LAYER_SHARE = 0.1
+LAYER_SHARE = 0.1
 _LAYER_POINTS = 3
 
 #: Layers are separate when a gap of this many cells in height is between them.
@@ -136,7 +136,7 @@ def cell_heights(cubes: Cubes, bounds: Window) -> CellHeights:
     row = cubes.row // cubes.factor - window.first_y
     inside = window.holds(row, column)
     cubes, column, row = cubes.select(inside), column[inside], row[inside]
-    kept = _on_surface(cubes, column, row, window)
+    kept = _on_surface(cubes, column, row, window) & ~cubes.outlying
     return _collect(cubes, row * window.nx + column, kept, window)
 
 
@@ -167,8 +167,8 @@ def _on_surface(
     # By points and by cubes: an outlier that is there a hundred times is still one outlier.
     places = np.bincount(of_layer)
     largest = np.maximum.reduceat(places, first_layer)[block_of_layer]
-    least = _LAYER_SHARE * np.bincount(of_block)[block_of_layer]
-    good = in_layer >= _LAYER_SHARE * total[block_of_layer]
+    least = LAYER_SHARE * np.bincount(of_block)[block_of_layer]
+    good = in_layer >= LAYER_SHARE * total[block_of_layer]
     good &= places >= np.maximum(least, _LAYER_POINTS)
     good |= places == largest
     kept = np.empty(len(order), dtype=bool)

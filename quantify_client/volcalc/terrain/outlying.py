@@ -1,0 +1,178 @@
+"""Points that stand out from the surface of their neighbourhood, by less than a layer of their own.
+
+Layers of heights (`heights`) tell outliers by the gap to all others, which has to be wider than a
+cell. Outliers of a few decimetres have no such gap; one-sided ones move every mean by their share
+times their size. Here a point is held against the cells around it: their levels and the spread of
+the heights in them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
+from scipy import special
+
+from ...types import FloatArray, IntArray, Window
+from .grid import CellWindow
+from .heights import LAYER_SHARE, MARGIN
+from .histogram import Cubes
+
+__all__ = ["mark_outliers"]
+
+#: In this share of surveys with normal noise a point is left out, or several (Davies and Gather,
+#: 1993, The identification of multiple outliers: their alpha, with their limit for N points).
+_ALPHA = 0.05
+
+#: Least standard deviation, metres, as in `robust`: smoother than any survey.
+_SMOOTH = 1e-3
+
+#: Bits of a height in quanta, with its sign; cells count above them.
+_HEIGHT_BITS = 40
+
+
+def mark_outliers(cubes: Cubes, bounds: Window) -> Cubes:
+    """Return the cubes with those marked that stand out from the surface around them.
+
+    A point is an outlier when all of this holds, over the 3 x 3 cells around it:
+
+    - It is higher than the second highest of their levels, or lower than the second lowest, by
+      more than normal noise of the standard deviation found there makes any of N points. Levels
+      are medians, continued to its cell by that cell's slope: on a slope they are the same, at a
+      wall they are those of its top and of its foot.
+    - Such points are less than a tenth of all, counted by points or by cubes.
+
+    Slopes are the smaller of the differences to the cells on either side, and none where they have
+    different signs (minmod; van Leer, 1979): planes have theirs, walls, edges and ridges have none.
+
+    Parameters
+    ----------
+    cubes : from `fit_cells`.
+    bounds : of the area, metres, in the coordinates of the cubes.
+    """
+    factor = cubes.factor
+    # Other grid offsets begin up to half a cell further west and south.
+    window = CellWindow.around(bounds, cubes.cell * factor, MARGIN + 1)
+    column, row = cubes.column // factor, cubes.row // factor
+    inside = np.flatnonzero(window.holds(row - window.first_y, column - window.first_x))
+    if not len(inside):
+        return cubes
+    near, column, row = cubes.select(inside), column[inside], row[inside]
+    flat = (row - window.first_y) * window.nx + (column - window.first_x)
+    z = (near.bin - near.bin.min()) * float(near.height) + near.inside / near.count
+    surface = _surface_cubes(near.count)
+    mean = _means(flat[surface], z[surface], window)
+    east, north = _minmod(mean.T).T, _minmod(mean)
+    # Heights at the middle of the cell.
+    z -= east.ravel()[flat] * ((near.column - column * factor + 0.5) / factor - 0.5)
+    z -= north.ravel()[flat] * ((near.row - row * factor + 0.5) / factor - 0.5)
+    level, spread, expected = _levels(flat[surface], z[surface], window)
+    std = _around(spread) / np.maximum(_around(expected), 1e-9)
+    limit = -special.ndtri(_ALPHA / (2.0 * len(flat))) * np.maximum(std, _SMOOTH / near.quantum)
+    high = _second_highest(level, east, north) + limit
+    low = -_second_highest(-level, -east, -north) - limit
+    far = np.flatnonzero((z > high.ravel()[flat]) | (z < low.ravel()[flat]))
+    few = _are_few(far, flat, np.ones_like(near.count), window)
+    few |= _are_few(far, flat, near.count, window)
+    outlying = cubes.outlying.copy()
+    outlying[inside[far[few]]] = True
+    return replace(cubes, outlying=outlying)
+
+
+def _surface_cubes(count: IntArray) -> npt.NDArray[np.bool_]:
+    """Return which cubes tell the surface: all but those with much fewer points than most.
+
+    Where cubes hold many points outliers fill more than their share of cubes, few in each.
+    """
+    return np.asarray(count * round(len(count) / LAYER_SHARE) >= count.sum())
+
+
+def _means(flat: IntArray, z: FloatArray, window: CellWindow) -> FloatArray:
+    """Return the mean height of each cell, (ny, nx); NaN where it is empty."""
+    size = window.nx * window.ny
+    count = np.bincount(flat, minlength=size)
+    total = np.bincount(flat, z, size)
+    mean = np.divide(total, count, out=np.full(size, np.nan), where=count > 0)
+    return np.asarray(mean.reshape(window.shape))
+
+
+def _minmod(z: FloatArray) -> FloatArray:
+    """Return the smaller step to the cells before and after along the rows, 0 if signs differ.
+
+    >>> _minmod(np.array([[0.0, 0.0, 3.0, 5.0, 6.0, 2.0]]))
+    array([[0., 0., 2., 1., 0., 0.]])
+    """
+    step = np.diff(z, axis=1, prepend=np.nan, append=np.nan)
+    before, after = step[:, :-1], step[:, 1:]
+    smaller = np.where(np.abs(before) < np.abs(after), before, after)
+    return np.where(before * after > 0, smaller, 0.0)
+
+
+def _levels(
+    flat: IntArray, z: FloatArray, window: CellWindow
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the median of each cell, its interquartile range, and that of normal heights.
+
+    Ranges are from the first whole rank inside the quartiles to the last, so that no outlier is
+    in it that is the only one; what normal heights of standard deviation 1 have there is from
+    Blom's (1958) expectation of ranks. All (ny, nx); medians are NaN where a cell is empty.
+    """
+    size = window.nx * window.ny
+    ordered = np.sort((flat << _HEIGHT_BITS) + np.rint(z).astype(np.int64))
+    count = np.bincount(flat, minlength=size)
+    last = np.maximum(count - 1, 0)
+    start = np.minimum(np.cumsum(count) - count, len(flat) - 1)
+    of_cell = np.arange(size) << _HEIGHT_BITS
+    low, middle, over, high = (
+        (ordered[start + rank] - of_cell).astype(np.float64)
+        for rank in (-(-last // 4), last // 2, (last + 1) // 2, 3 * last // 4)
+    )
+    known = count > 0
+    median = np.where(known, (middle + over) / 2.0, np.nan)
+    spread = np.where(known & (high > low), high - low, 0.0)
+    ranks = np.arange(int(last.max()) + 1)
+    normal = 2.0 * special.ndtri((3 * ranks // 4 + 0.625) / (ranks + 1.25))
+    expected = np.maximum(normal, 0.0)[last]
+    return (
+        median.reshape(window.shape),
+        spread.reshape(window.shape),
+        expected.reshape(window.shape),
+    )
+
+
+def _around(values: FloatArray) -> FloatArray:
+    """Return the sum over each cell and the eight around it, (ny, nx)."""
+    for _ in range(2):
+        padded = np.pad(values, ((1, 1), (0, 0)))
+        values = (padded[:-2] + padded[1:-1] + padded[2:]).T
+    return values
+
+
+def _second_highest(level: FloatArray, east: FloatArray, north: FloatArray) -> FloatArray:
+    """Return the second highest of the levels of each cell and the eight around it.
+
+    Each level is continued to the cell by the cell's slope: steps to the east and north, (ny, nx).
+    Without two levels it is minus infinity.
+    """
+    ny, nx = level.shape
+    padded = np.pad(np.where(np.isnan(level), -np.inf, level), 1, constant_values=-np.inf)
+    first = second = np.full(level.shape, -np.inf)
+    for y, x in product((-1, 0, 1), repeat=2):
+        near = padded[1 + y : 1 + y + ny, 1 + x : 1 + x + nx] - (x * east + y * north)
+        second = np.maximum(second, np.minimum(first, near))
+        first = np.maximum(first, near)
+    return second
+
+
+def _are_few(
+    far: IntArray, flat: IntArray, count: IntArray, window: CellWindow
+) -> npt.NDArray[np.bool_]:
+    """Return which of the cubes `far` from the surface are around places with few such points."""
+    size = window.nx * window.ny
+    of_all, of_far = (
+        _around(np.bincount(cells, weight, size).reshape(window.shape)).ravel()
+        for cells, weight in ((flat, count), (flat[far], count[far]))
+    )
+    return np.asarray((of_far < LAYER_SHARE * of_all)[flat[far]])
