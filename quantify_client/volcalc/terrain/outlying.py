@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import product
+from typing import Iterator
 
 import numpy as np
 import numpy.typing as npt
@@ -29,10 +30,11 @@ _ALPHA = 0.05
 #: Least standard deviation, metres, as in `robust`: smoother than any survey.
 _SMOOTH = 1e-3
 
-#: Steps of which one is twice the other differ by a third of their sum. At a wall that cuts a share
-#: s off a cell they are as s to 1 - s: more uneven while the wall's top has less than a tenth of
-#: the 3 x 3 cells, which is where it might be left out.
-_UNEVEN = 3.0
+#: Share of the sum of squares about the mean that a plane through 3 x 3 cells has to explain. Beside
+#: a wall that cuts a share s off the middle cells, the three rows of which are as 0, s and 1, it is
+#: 1 - (1 - 2 s)^2 / (3 + (1 - 2 s)^2): below this while the wall's top has less than a tenth of the
+#: cells (s < 0.3), which is where it might be left out.
+_PLANE = 0.95
 
 #: Bits of a height in quanta, with its sign; cells count above them.
 _HEIGHT_BITS = 40
@@ -69,12 +71,12 @@ def mark_outliers(cubes: Cubes, bounds: Window) -> Cubes:
     z = (near.bin - near.bin.min()) * float(near.height) + near.inside / near.count
     surface = _surface_cubes(near.count)
     mean = _means(flat[surface], z[surface], window)
-    east, north = _slope(mean), _slope(mean.T).T
+    east, north = _slopes(mean)
     # Heights at the middle of the cell.
     z -= east.ravel()[flat] * ((near.column - column * factor + 0.5) / factor - 0.5)
     z -= north.ravel()[flat] * ((near.row - row * factor + 0.5) / factor - 0.5)
     level, spread, expected = _levels(flat[surface], z[surface], window)
-    std = _around(spread) / np.maximum(_around(expected), 1e-9)
+    std = _sum_around(spread) / np.maximum(_sum_around(expected), 1e-9)
     limit = -special.ndtri(_ALPHA / (2.0 * len(flat))) * np.maximum(std, _SMOOTH / near.quantum)
     high = _second_highest(level, east, north) + limit
     low = -_second_highest(-level, -east, -north) - limit
@@ -103,18 +105,30 @@ def _means(flat: IntArray, z: FloatArray, window: CellWindow) -> FloatArray:
     return np.asarray(mean.reshape(window.shape))
 
 
-def _slope(z: FloatArray) -> FloatArray:
-    """Return the slope of each cell along the rows, a step from cell to cell; 0 at an edge.
+def _slopes(z: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the slope of the least-squares plane through 3 x 3 cells, to the east and north.
 
-    It is the mean of the steps to the cells before and after, where neither is twice the other.
-
-    >>> _slope(np.array([[0.0, 0.0, 2.0, 5.0, 9.0, 6.0]]))
-    array([[0. , 0. , 2.5, 3.5, 0. , 0. ]])
+    Metres from cell to cell, (ny, nx); 0 where a cell is empty or they are on no plane: the plane
+    has to explain `_PLANE` of their sum of squares.
     """
-    step = np.diff(z, axis=1, prepend=np.nan, append=np.nan)
-    before, after = step[:, :-1], step[:, 1:]
-    even = np.abs(before - after) * _UNEVEN <= np.abs(before + after)
-    return np.where(even, (before + after) / 2.0, 0.0)
+    total, square, east, north = np.zeros((4, *z.shape))
+    for x, y, near in _around(z, np.nan):
+        # From each cell's own height: the squares of elevations would lose digits.
+        step = near - z
+        total += step
+        square += step * step
+        east += x * step
+        north += y * step
+    on_plane = (east**2 + north**2) / 6.0 >= _PLANE * (square - total**2 / 9.0)
+    return np.where(on_plane, east / 6.0, 0.0), np.where(on_plane, north / 6.0, 0.0)
+
+
+def _around(values: FloatArray, beyond: float) -> Iterator[tuple[int, int, FloatArray]]:
+    """Yield the values of each cell and of the eight around it, with their places, as (ny, nx)."""
+    ny, nx = values.shape
+    padded = np.pad(values, 1, constant_values=beyond)
+    for y, x in product((-1, 0, 1), repeat=2):
+        yield x, y, padded[1 + y : 1 + y + ny, 1 + x : 1 + x + nx]
 
 
 def _levels(
@@ -149,7 +163,7 @@ def _levels(
     )
 
 
-def _around(values: FloatArray) -> FloatArray:
+def _sum_around(values: FloatArray) -> FloatArray:
     """Return the sum over each cell and the eight around it, (ny, nx)."""
     for _ in range(2):
         padded = np.pad(values, ((1, 1), (0, 0)))
@@ -163,11 +177,10 @@ def _second_highest(level: FloatArray, east: FloatArray, north: FloatArray) -> F
     Each level is continued to the cell by the cell's slope: steps to the east and north, (ny, nx).
     Without two levels it is minus infinity.
     """
-    ny, nx = level.shape
-    padded = np.pad(np.where(np.isnan(level), -np.inf, level), 1, constant_values=-np.inf)
+    level = np.where(np.isnan(level), -np.inf, level)
     first = second = np.full(level.shape, -np.inf)
-    for y, x in product((-1, 0, 1), repeat=2):
-        near = padded[1 + y : 1 + y + ny, 1 + x : 1 + x + nx] - (x * east + y * north)
+    for x, y, near in _around(level, -np.inf):
+        near = near - (x * east + y * north)
         second = np.maximum(second, np.minimum(first, near))
         first = np.maximum(first, near)
     return second
@@ -179,7 +192,7 @@ def _are_few(
     """Return which of the cubes `far` from the surface are around places with few such points."""
     size = window.nx * window.ny
     of_all, of_far = (
-        _around(np.bincount(cells, weight, size).reshape(window.shape)).ravel()
+        _sum_around(np.bincount(cells, weight, size).reshape(window.shape)).ravel()
         for cells, weight in ((flat, count), (flat[far], count[far]))
     )
     return np.asarray((of_far < LAYER_SHARE * of_all)[flat[far]])
