@@ -27,6 +27,10 @@ __all__ = ["mark_outliers"]
 #: 1993, The identification of multiple outliers: their alpha, with their limit for N points).
 _ALPHA = 0.05
 
+#: Efficiency of the interquartile range, of normal heights (Rousseeuw and Croux, 1993,
+#: Alternatives to the median absolute deviation).
+_EFFICIENCY = 0.37
+
 #: Least standard deviation, metres, as in `robust`: smoother than any survey.
 _SMOOTH = 1e-3
 
@@ -77,7 +81,8 @@ def mark_outliers(cubes: Cubes, bounds: Window) -> Cubes:
     z -= north.ravel()[flat] * ((near.row - row * factor + 0.5) / factor - 0.5)
     level, spread, expected = _levels(flat[surface], z[surface], window)
     std = _sum_around(spread) / np.maximum(_sum_around(expected), 1e-9)
-    limit = -special.ndtri(_ALPHA / (2.0 * len(flat))) * np.maximum(std, _SMOOTH / near.quantum)
+    number = _sum_around(np.bincount(flat[surface], minlength=level.size).reshape(level.shape))
+    limit = _normal_limit(number, len(flat)) * np.maximum(std, _SMOOTH / near.quantum)
     high = _second_highest(level, east, north) + limit
     low = -_second_highest(-level, -east, -north) - limit
     far = np.flatnonzero((z > high.ravel()[flat]) | (z < low.ravel()[flat]))
@@ -169,6 +174,17 @@ def _sum_around(values: FloatArray) -> FloatArray:
         padded = np.pad(values, ((1, 1), (0, 0)))
         values = (padded[:-2] + padded[1:-1] + padded[2:]).T
     return values
+
+
+def _normal_limit(number: FloatArray, total: int) -> FloatArray:
+    """Return how many standard deviations none of `total` normal heights is off, by `_ALPHA`.
+
+    Student's t, as the standard deviation itself is from the interquartile ranges of `number`
+    heights: these say as much as the standard deviation of fewer.
+    """
+    freedom = np.maximum(1, (_EFFICIENCY * number).astype(np.int64))
+    each = np.arange(1, int(freedom.max()) + 1)
+    return np.asarray(special.stdtrit(each, 1.0 - _ALPHA / (2.0 * total))[freedom - 1])
 
 
 def _second_highest(level: FloatArray, east: FloatArray, north: FloatArray) -> FloatArray:
