@@ -80,8 +80,9 @@ def mark_outliers(cubes: Cubes, bounds: Window) -> Cubes:
     z -= east.ravel()[flat] * ((near.column - column * factor + 0.5) / factor - 0.5)
     z -= north.ravel()[flat] * ((near.row - row * factor + 0.5) / factor - 0.5)
     level, spread, expected = _levels(flat[surface], z[surface], window)
-    std = _sum_around(spread) / np.maximum(_sum_around(expected), 1e-9)
-    number = _sum_around(np.bincount(flat[surface], minlength=level.size).reshape(level.shape))
+    number = np.bincount(flat[surface], minlength=level.size).reshape(level.shape)
+    spread, expected, number = (_sum_around(a, 5) for a in (spread, expected, number))
+    std = spread / np.maximum(expected, 1e-9)
     limit = _normal_limit(number, len(flat)) * np.maximum(std, _SMOOTH / near.quantum)
     high = _second_highest(level, east, north) + limit
     low = -_second_highest(-level, -east, -north) - limit
@@ -168,11 +169,12 @@ def _levels(
     )
 
 
-def _sum_around(values: FloatArray) -> FloatArray:
-    """Return the sum over each cell and the eight around it, (ny, nx)."""
+def _sum_around(values: FloatArray, wide: int = 3) -> FloatArray:
+    """Return the sum over the `wide` x `wide` cells around each, (ny, nx)."""
+    half = wide // 2
     for _ in range(2):
-        padded = np.pad(values, ((1, 1), (0, 0)))
-        values = (padded[:-2] + padded[1:-1] + padded[2:]).T
+        running = np.pad(values, ((half + 1, half), (0, 0))).cumsum(axis=0)
+        values = (running[wide:] - running[:-wide]).T
     return values
 
 
