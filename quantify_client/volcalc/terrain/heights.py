@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from ...types import FloatArray, IntArray, Window
 from .grid import CellWindow
-from .histogram import Cubes, run_starts
+from .histogram import Cubes, run_starts, sorting_order
 
 __all__ = ["LAYER_SHARE", "MARGIN", "CellHeights", "cell_heights", "fit_cells"]
 
@@ -29,9 +29,6 @@ _LAYER_POINTS = 3
 
 #: Layers are separate when a gap of this many cells in height is between them.
 _LAYER_GAP_CELLS = 1.5
-
-#: Bins of height, counted from the lowest, are numbers of this many bits.
-_BIN_BITS = 40
 
 
 @dataclass(frozen=True)
@@ -152,7 +149,7 @@ def _on_surface(
     block = (row // size) * (window.nx // size + 1) + column // size
     # Cubes of the same block and bin are treated alike, whichever comes first.
     bins = cubes.bin - cubes.bin.min()
-    order = np.argsort((block << _BIN_BITS) + bins)
+    order = sorting_order((block << int(bins.max()).bit_length()) + bins)
     block, bins, count = block[order], bins[order], cubes.count[order]
     new_block = run_starts(block)
     of_block = np.cumsum(new_block) - 1

@@ -26,6 +26,7 @@ __all__ = [
     "packed_places",
     "run_starts",
     "share_of",
+    "sorting_order",
 ]
 
 #: Occupied cubes of one area, at most: the bound on memory and on the work after the pass.
@@ -128,6 +129,21 @@ def run_starts(values: IntArray) -> npt.NDArray[np.bool_]:
     first = np.ones(len(values), dtype=bool)
     np.not_equal(values[1:], values[:-1], out=first[1:])
     return first
+
+
+def sorting_order(keys: IntArray) -> IntArray:
+    """Return what sorts keys that are not negative, equal ones in their order.
+
+    Radix sort, which numpy has for 16 bits: a few times as fast as comparing keys.
+
+    >>> sorting_order(np.array([70_000, 5, 70_000, 0]))
+    array([3, 1, 0, 2])
+    """
+    order = np.argsort((keys & 0xFFFF).astype(np.uint16), kind="stable")
+    for shift in range(16, int(keys.max(initial=0)).bit_length(), 16):
+        digit = (keys >> shift)[order] & 0xFFFF
+        order = order[np.argsort(digit.astype(np.uint16), kind="stable")]
+    return order
 
 
 def _sums(values: IntArray, start: IntArray) -> IntArray:

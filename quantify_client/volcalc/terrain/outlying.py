@@ -34,10 +34,10 @@ _EFFICIENCY = 0.37
 #: Least standard deviation, metres, as in `robust`: smoother than any survey.
 _SMOOTH = 1e-3
 
-#: Share of the sum of squares about the mean that a plane through 3 x 3 cells has to explain. Beside
-#: a wall that cuts a share s off the middle cells, the three rows of which are as 0, s and 1, it is
-#: 1 - (1 - 2 s)^2 / (3 + (1 - 2 s)^2): below this while the wall's top has less than a tenth of the
-#: cells (s < 0.3), which is where it might be left out.
+#: Share of the sum of squares that a plane through the means of 3 x 3 cells has to explain. Where a
+#: wall cuts a share s off the middle ones, so that the rows are as 0, s and 1, it explains
+#: 3 / (3 + (1 - 2 s)^2): less than this while s < 0.3, which is when the part behind the wall is
+#: less than a tenth of the points that are held against the level before it.
 _PLANE = 0.95
 
 #: Bits of a height in quanta, with its sign; cells count above them.
@@ -47,16 +47,13 @@ _HEIGHT_BITS = 40
 def mark_outliers(cubes: Cubes, bounds: Window) -> Cubes:
     """Return the cubes with those marked that stand out from the surface around them.
 
-    A point is an outlier when all of this holds, over the 3 x 3 cells around it:
+    A point is an outlier when all of this holds:
 
-    - It is higher than the second highest of their levels, or lower than the second lowest, by
-      more than normal noise of the standard deviation found there makes any of N points. Levels
-      are medians, continued to its cell by that cell's slope: on a slope they are the same, at a
-      wall they are those of its top and of its foot.
-    - Such points are less than a tenth of all, counted by points or by cubes.
-
-    Slopes are the smaller of the differences to the cells on either side, and none where they have
-    different signs (minmod; van Leer, 1979): planes have theirs, walls, edges and ridges have none.
+    - It is higher than the second highest level of the 3 x 3 cells around it, or lower than the
+      second lowest, by more than normal noise of the standard deviation found in 5 x 5 cells makes
+      any of N points. Levels are medians, continued by the slope of the point's cell: all the same
+      on a slope, those of top and foot beside a wall.
+    - Such points are less than a tenth of those in the 3 x 3 cells, by number or by cubes.
 
     Parameters
     ----------
@@ -74,18 +71,15 @@ def mark_outliers(cubes: Cubes, bounds: Window) -> Cubes:
     flat = (row - window.first_y) * window.nx + (column - window.first_x)
     z = (near.bin - near.bin.min()) * float(near.height) + near.inside / near.count
     surface = _surface_cubes(near.count)
-    mean = _means(flat[surface], z[surface], window)
-    east, north = _slopes(mean)
+    east, north = _slopes(_means(flat[surface], z[surface], window))
     # Heights at the middle of the cell.
     z -= east.ravel()[flat] * ((near.column - column * factor + 0.5) / factor - 0.5)
     z -= north.ravel()[flat] * ((near.row - row * factor + 0.5) / factor - 0.5)
-    level, spread, expected = _levels(flat[surface], z[surface], window)
-    number = np.bincount(flat[surface], minlength=level.size).reshape(level.shape)
-    spread, expected, number = (_sum_around(a, 5) for a in (spread, expected, number))
-    std = spread / np.maximum(expected, 1e-9)
+    level, std, number = _levels(flat[surface], z[surface], window)
     limit = _normal_limit(number, len(flat)) * np.maximum(std, _SMOOTH / near.quantum)
-    high = _second_highest(level, east, north) + limit
-    low = -_second_highest(-level, -east, -north) - limit
+    with np.errstate(invalid="ignore"):  # neither levels nor limits: NaN, and nothing is far
+        high = _second_highest(level, east, north) + limit
+        low = -_second_highest(-level, -east, -north) - limit
     far = np.flatnonzero((z > high.ravel()[flat]) | (z < low.ravel()[flat]))
     few = _are_few(far, flat, np.ones_like(near.count), window)
     few |= _are_few(far, flat, near.count, window)
@@ -140,11 +134,12 @@ def _around(values: FloatArray, beyond: float) -> Iterator[tuple[int, int, Float
 def _levels(
     flat: IntArray, z: FloatArray, window: CellWindow
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the median of each cell, its interquartile range, and that of normal heights.
+    """Return each cell's median, and the standard deviation in 5 x 5 cells with its number.
 
-    Ranges are from the first whole rank inside the quartiles to the last, so that no outlier is
-    in it that is the only one; what normal heights of standard deviation 1 have there is from
-    Blom's (1958) expectation of ranks. All (ny, nx); medians are NaN where a cell is empty.
+    The standard deviation is from the cells' interquartile ranges, between whole ranks, so that no
+    outlier that is alone in its cell is in them, over those that normal heights have (Blom, 1958,
+    Statistical estimates and transformed beta-variables: the expectation of a rank). All (ny, nx);
+    medians are NaN where a cell is empty; cells of fewer than four heights have no range.
     """
     size = window.nx * window.ny
     ordered = np.sort((flat << _HEIGHT_BITS) + np.rint(z).astype(np.int64))
@@ -156,17 +151,19 @@ def _levels(
         (ordered[start + rank] - of_cell).astype(np.float64)
         for rank in (-(-last // 4), last // 2, (last + 1) // 2, 3 * last // 4)
     )
-    known = count > 0
-    median = np.where(known, (middle + over) / 2.0, np.nan)
-    spread = np.where(known & (high > low), high - low, 0.0)
+    median = np.where(count > 0, (middle + over) / 2.0, np.nan)
     ranks = np.arange(int(last.max()) + 1)
-    normal = 2.0 * special.ndtri((3 * ranks // 4 + 0.625) / (ranks + 1.25))
-    expected = np.maximum(normal, 0.0)[last]
-    return (
-        median.reshape(window.shape),
-        spread.reshape(window.shape),
-        expected.reshape(window.shape),
+    of_normal = np.maximum(2.0 * special.ndtri((3 * ranks // 4 + 0.625) / (ranks + 1.25)), 0.0)
+    ranged = of_normal[last] > 0.0
+    spread, expected, number = (
+        _sum_around(values.reshape(window.shape), 5)
+        for values in (
+            np.where(ranged, high - low, 0.0),
+            of_normal[last],
+            np.where(ranged, count, 0),
+        )
     )
+    return median.reshape(window.shape), spread / np.maximum(expected, 1e-9), number
 
 
 def _sum_around(values: FloatArray, wide: int = 3) -> FloatArray:
@@ -182,11 +179,12 @@ def _normal_limit(number: FloatArray, total: int) -> FloatArray:
     """Return how many standard deviations none of `total` normal heights is off, by `_ALPHA`.
 
     Student's t, as the standard deviation itself is from the interquartile ranges of `number`
-    heights: these say as much as the standard deviation of fewer.
+    heights: these say as much as the standard deviation of fewer. Infinite where there are none.
     """
-    freedom = np.maximum(1, (_EFFICIENCY * number).astype(np.int64))
+    freedom = (_EFFICIENCY * number).astype(np.int64)
     each = np.arange(1, int(freedom.max()) + 1)
-    return np.asarray(special.stdtrit(each, 1.0 - _ALPHA / (2.0 * total))[freedom - 1])
+    limits = special.stdtrit(each, 1.0 - _ALPHA / (2.0 * total))
+    return np.asarray(np.append(np.inf, limits)[freedom])
 
 
 def _second_highest(level: FloatArray, east: FloatArray, north: FloatArray) -> FloatArray:
@@ -213,4 +211,5 @@ def _are_few(
         _sum_around(np.bincount(cells, weight, size).reshape(window.shape)).ravel()
         for cells, weight in ((flat, count), (flat[far], count[far]))
     )
-    return np.asarray((of_far < LAYER_SHARE * of_all)[flat[far]])
+    # Whole numbers, so that the same points several times are treated alike.
+    return np.asarray((of_far * round(1.0 / LAYER_SHARE) < of_all)[flat[far]])
