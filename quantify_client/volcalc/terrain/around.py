@@ -42,7 +42,7 @@ def _chosen() -> npt.NDArray[np.bool_]:
     the patches do.
     """
     row, column = (index.ravel() for index in np.indices((_SQUARES, _SQUARES)))
-    mixed = place_hash(column.astype(np.float64), row.astype(np.float64), np.zeros(len(row)))
+    mixed = place_hash(column.astype(np.float64), row.astype(np.float64))
     part = mixed.astype(np.int64) % _PARTS**2
     chosen = np.zeros((_PATCHES + 2, _PATCHES + 2), dtype=bool)
     chosen[row * _PARTS + part // _PARTS + 1, column * _PARTS + part % _PARTS + 1] = True

@@ -19,6 +19,7 @@ from ...types import AreaResult, Check, Window
 from .accumulate import AreaPoints
 from .heights import fit_cells
 from .measure import Measured, TerrainRecipe, measure_terrain
+from .outlying import mark_outliers
 from .warnings import warnings_of
 
 __all__ = ["measure_area"]
@@ -39,7 +40,8 @@ def measure_area(
     offset, and all of them use the ground that was predicted for it. The warnings are made of these
     numbers.
     """
-    points = replace(points, cubes=fit_cells(points.cubes, Window(*polygon.bounds)))
+    bounds = Window(*polygon.bounds)
+    points = replace(points, cubes=mark_outliers(fit_cells(points.cubes, bounds), bounds))
     offsets = [measure_terrain(name, polygon, points, recipe)]
     brief, cubes = replace(recipe, brief=True), points.cubes
     cell = cubes.cell * cubes.factor / recipe.ground_factor

@@ -10,9 +10,9 @@ from scipy import ndimage
 
 from ...types import FloatArray, IntArray, Window
 from .grid import CellWindow
-from .histogram import Cubes, run_starts
+from .histogram import Cubes, run_starts, sorting_order
 
-__all__ = ["CellHeights", "cell_heights", "fit_cells"]
+__all__ = ["LAYER_SHARE", "MARGIN", "CellHeights", "cell_heights", "fit_cells"]
 
 #: Cells hold so many points, on average and at least: about two spacings a side.
 POINTS_PER_CELL = 4.5
@@ -24,7 +24,7 @@ MARGIN = 24
 _BLOCK_POINTS = 64.0
 
 #: A separate layer of heights is surface when it has this share of its neighbourhood's points.
-_LAYER_SHARE = 0.1
+LAYER_SHARE = 0.1
 _LAYER_POINTS = 3
 
 #: Layers are separate when a gap of this many cells in height is between them.
@@ -32,9 +32,6 @@ _LAYER_GAP_CELLS = 1.5
 
 #: Slope along one axis of a plane through 3 x 3 cells: differences, and their mean.
 _STEP, _MEAN = (-0.5, 0.0, 0.5), (1 / 3, 1 / 3, 1 / 3)
-
-#: Bins of height, counted from the lowest, are numbers of this many bits.
-_BIN_BITS = 40
 
 
 @dataclass(frozen=True)
@@ -142,7 +139,7 @@ def cell_heights(cubes: Cubes, bounds: Window) -> CellHeights:
     row = cubes.row // cubes.factor - window.first_y
     inside = window.holds(row, column)
     cubes, column, row = cubes.select(inside), column[inside], row[inside]
-    kept = _on_surface(cubes, column, row, window)
+    kept = _on_surface(cubes, column, row, window) & ~cubes.outlying
     return _collect(cubes, row * window.nx + column, kept, window)
 
 
@@ -158,7 +155,7 @@ def _on_surface(
     block = (row // size) * (window.nx // size + 1) + column // size
     # Cubes of the same block and bin are treated alike, whichever comes first.
     bins = cubes.bin - cubes.bin.min()
-    order = np.argsort((block << _BIN_BITS) + bins)
+    order = sorting_order((block << int(bins.max()).bit_length()) + bins)
     block, bins, count = block[order], bins[order], cubes.count[order]
     new_block = run_starts(block)
     of_block = np.cumsum(new_block) - 1
@@ -173,8 +170,8 @@ def _on_surface(
     # By points and by cubes: an outlier that is there a hundred times is still one outlier.
     places = np.bincount(of_layer)
     largest = np.maximum.reduceat(places, first_layer)[block_of_layer]
-    least = _LAYER_SHARE * np.bincount(of_block)[block_of_layer]
-    good = in_layer >= _LAYER_SHARE * total[block_of_layer]
+    least = LAYER_SHARE * np.bincount(of_block)[block_of_layer]
+    good = in_layer >= LAYER_SHARE * total[block_of_layer]
     good &= places >= np.maximum(least, _LAYER_POINTS)
     good |= places == largest
     kept = np.empty(len(order), dtype=bool)

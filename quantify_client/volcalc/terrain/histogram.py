@@ -26,6 +26,7 @@ __all__ = [
     "packed_places",
     "run_starts",
     "share_of",
+    "sorting_order",
 ]
 
 #: Occupied cubes of one area, at most: the bound on memory and on the work after the pass.
@@ -56,7 +57,7 @@ _FINEST = 2.0**52
 #: New cubes wait until there are so many, or half as many as the settled ones, before merging.
 _PENDING = 1 << 15
 
-_PER_CUBE = ("column", "row", "bin", "count", "inside")
+_PER_CUBE = ("column", "row", "bin", "count", "inside", "outlying")
 
 
 @dataclass(frozen=True)
@@ -68,6 +69,7 @@ class Cubes:
     column, row, bin : (M,) int64, cube indices; columns and rows count from the area's corner.
     count : (M,) int64, points in the cube.
     inside : (M,) int64, sum of the points' heights above the cube's foot, in quanta.
+    outlying : (M,) bool, cubes that stand out from the surface around them (`outlying`).
     cell : edge of a cube, metres.
     quantum : metres of one quantum.
     height : height of a cube, in quanta.
@@ -80,6 +82,7 @@ class Cubes:
     bin: IntArray
     count: IntArray
     inside: IntArray
+    outlying: npt.NDArray[np.bool_]
     cell: float
     quantum: float
     height: int
@@ -95,7 +98,7 @@ class Cubes:
         return replace(self, column=self.column + east, row=self.row + north)
 
     def merged(self, times: int) -> Cubes:
-        """Return cubes of twice the size, `times` over."""
+        """Return cubes of twice the size, `times` over, before any of them stands out."""
         if not times:
             return self
         low = (1 << times) - 1
@@ -111,6 +114,7 @@ class Cubes:
             bin=bins[start],
             count=_sums(self.count[order], start),
             inside=_sums(inside[order], start),
+            outlying=np.zeros(len(start), dtype=bool),
             cell=math.ldexp(self.cell, times),
             height=self.height << times,
         )
@@ -125,6 +129,21 @@ def run_starts(values: IntArray) -> npt.NDArray[np.bool_]:
     first = np.ones(len(values), dtype=bool)
     np.not_equal(values[1:], values[:-1], out=first[1:])
     return first
+
+
+def sorting_order(keys: IntArray) -> IntArray:
+    """Return what sorts keys that are not negative, equal ones in their order.
+
+    Radix sort, which numpy has for 16 bits: a few times as fast as comparing keys.
+
+    >>> sorting_order(np.array([70_000, 5, 70_000, 0]))
+    array([3, 1, 0, 2])
+    """
+    order = np.argsort((keys & 0xFFFF).astype(np.uint16), kind="stable")
+    for shift in range(16, int(keys.max(initial=0)).bit_length(), 16):
+        digit = (keys >> shift)[order] & 0xFFFF
+        order = order[np.argsort(digit.astype(np.uint16), kind="stable")]
+    return order
 
 
 def _sums(values: IntArray, start: IntArray) -> IntArray:
@@ -290,6 +309,7 @@ class CubeStore:
             bins + ((packing.zero - _HEIGHT_ZERO) >> (_REST_BITS + merges)),
             self._settled.count,
             self._settled.inside,
+            np.zeros(len(column), dtype=bool),
             math.ldexp(packing.cell, merges),
             packing.quantum,
             1 << (_REST_BITS + merges),

@@ -1,0 +1,153 @@
+"""Points that stand out from their neighbourhood are left out, and nothing real is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from quantify_client.types import Window
+from quantify_client.volcalc.terrain.accumulate import TerrainAccumulator
+from quantify_client.volcalc.terrain.heights import MARGIN, cell_heights, fit_cells
+from quantify_client.volcalc.terrain.outlying import mark_outliers
+
+from .grounds import EAST, LEVEL, NORTH
+
+SITE = Window(EAST + 5, NORTH + 5, EAST + 25, NORTH + 25)
+CORE = Window(0, 0, 20, 20)
+NOISE = 0.02
+
+
+def marked(x, y, z):
+    """The cubes of local points, those that stand out marked."""
+    accumulator = TerrainAccumulator([SITE])
+    accumulator.absorb(accumulator.reduce(EAST + x, NORTH + y, LEVEL + z))
+    return mark_outliers(fit_cells(accumulator.points_of(0).cubes, CORE), CORE)
+
+
+def left_out(cubes):
+    return int(cubes.count[cubes.outlying].sum())
+
+
+def mean_height(cubes):
+    """Over the site, above its level."""
+    heights = cell_heights(cubes, CORE)
+    return np.nanmean(heights.z[MARGIN:-MARGIN, MARGIN:-MARGIN]) - LEVEL
+
+
+def places(seed=0, count=90_000):
+    return np.random.default_rng(seed).uniform(0, 30, (2, count))
+
+
+def noise(seed=0, count=90_000):
+    return NOISE * np.random.default_rng(seed + 100).standard_normal(count)
+
+
+def outliers(share, size, seed=0, count=90_000):
+    """Exponential, to one side."""
+    rng = np.random.default_rng(seed + 200)
+    return np.where(rng.random(count) < share, rng.exponential(size, count), 0.0)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("tilt", [0.0, 0.05])
+def test_one_sided_outliers_move_the_mean_height_by_less_than_a_millimetre(tilt, side):
+    x, y = places()
+    plane = tilt * (x - 15)
+    off = side * outliers(0.03, 0.3)
+    cubes = marked(x, y, plane + noise() + off)
+    none = np.zeros_like(cubes.outlying)
+    kept = mean_height(type(cubes)(**{**vars(cubes), "outlying": none}))
+    clean = mean_height(marked(x, y, plane + noise()))
+    assert side * (kept - clean) > 7e-3  # the layers alone leave nearly all of the 9 mm
+    assert abs(mean_height(cubes) - clean) < 1e-3
+
+
+def test_no_point_of_normal_noise_is_left_out():
+    for seed in range(4):
+        x, y = places(seed)
+        assert left_out(marked(x, y, 0.1 * x + noise(seed))) == 0
+
+
+def cone(x, y):
+    return 4 * np.clip(1 - np.hypot(x - 15.03, y - 14.96) / 8, 0, None)
+
+
+def ridge(x, y):
+    return 0.7 * np.clip(6 - np.abs(x - 15.03 + 0.3 * y), 0, None)
+
+
+def pyramid(x, y):
+    return 0.7 * np.clip(6 - np.maximum(np.abs(x - 15), np.abs(y - 15)), 0, None)
+
+
+def box(turn):
+    def height(x, y):
+        u = np.cos(turn) * (x - 15.1) + np.sin(turn) * (y - 14.8)
+        v = np.cos(turn) * (y - 14.8) - np.sin(turn) * (x - 15.1)
+        return 3.0 * ((np.abs(u) < 6) & (np.abs(v) < 5))
+
+    return height
+
+
+@pytest.mark.parametrize("shape", [cone, ridge, pyramid])
+def test_toes_ridges_and_summits_are_no_outliers(shape):
+    x, y = places()
+    assert left_out(marked(x, y, shape(x, y) + noise())) <= 1
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.1, 0.5, 0.785, 1.2])
+def test_walls_keep_top_and_foot(turn):
+    x, y = places()
+    z = box(turn)(x, y) + noise()
+    cubes = marked(x, y, z)
+    none = np.zeros_like(cubes.outlying)
+    kept = type(cubes)(**{**vars(cubes), "outlying": none})
+    # Of 360 m3 over 400 m2.
+    assert mean_height(cubes) == pytest.approx(mean_height(kept), abs=2e-4 * 0.9)
+    assert left_out(cubes) < 1e-4 * len(z)
+
+
+def test_what_has_a_tenth_of_its_neighbourhood_is_kept():
+    """Bushes of 0.5 m on a fifth of the points everywhere: no outliers."""
+    x, y = places()
+    high = np.random.default_rng(7).random(len(x)) < 0.2
+    cubes = marked(x, y, noise() + 0.5 * high)
+    assert left_out(cubes) < 0.02 * high.sum()
+
+
+@pytest.mark.parametrize("times", [2, 3, 10])
+def test_points_that_are_there_several_times_change_nothing(times):
+    x, y = places(count=20_000)
+    z = np.round(0.1 * x + noise(count=20_000) + outliers(0.03, 0.5, count=20_000), 3)
+    once = marked(x, y, z)
+    several = marked(*(np.repeat(values, times) for values in (x, y, z)))
+    assert left_out(once) > 100
+    np.testing.assert_array_equal(several.outlying, once.outlying)
+
+
+def test_outliers_that_are_there_a_hundred_times_are_as_few_as_once():
+    x, y = places()
+    z = noise()
+    off = np.flatnonzero(np.arange(len(z)) % 500 == 0)
+    again = np.repeat(off, 100)
+    z[off] += 0.4
+    cubes = marked(*(np.append(values, values[again]) for values in (x, y, z)))
+    assert left_out(cubes) == pytest.approx(101 * len(off), rel=0.02)
+
+
+def test_outliers_among_cubes_of_many_points():
+    """Where cubes hold dozens of points, outliers fill more than their share of cubes."""
+    x, y = np.random.default_rng(0).uniform(0, 30, (2, 60_000))
+    x, y = (np.repeat(values, 40) for values in (x, y))
+    rng = np.random.default_rng(1)
+    z = 0.005 * rng.standard_normal(len(x))
+    off = np.where(rng.random(len(x)) < 0.03, rng.exponential(1.0, len(x)), 0.0)
+    clean, cubes = marked(x, y, z), marked(x, y, z + off)
+    assert abs(mean_height(cubes) - mean_height(clean)) < 3e-3
+
+
+def test_sparse_points_and_none_at_all_are_kept():
+    x, y = places(count=60)
+    z = np.where(np.arange(60) == 30, 5.0, 0.0)
+    assert left_out(marked(x, y, z)) == 0
+    assert left_out(marked(x - 900, y, z)) == 0
