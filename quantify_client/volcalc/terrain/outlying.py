@@ -136,10 +136,11 @@ def _levels(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return each cell's median, and the standard deviation in 5 x 5 cells with its number.
 
-    The standard deviation is from the cells' interquartile ranges, between whole ranks, so that no
-    outlier that is alone in its cell is in them, over those that normal heights have (Blom, 1958,
-    Statistical estimates and transformed beta-variables: the expectation of a rank). All (ny, nx);
-    medians are NaN where a cell is empty; cells of fewer than four heights have no range.
+    Or that in 3 x 3 cells, if it is larger: a wall shows there. It is from the interquartile ranges
+    of the cells, between whole ranks, so that no outlier that is alone in its cell is in them, over
+    those that normal heights have (Blom, 1958, Statistical estimates and transformed
+    beta-variables: the expectation of a rank). All (ny, nx); medians are NaN where a cell is empty;
+    cells of fewer than four heights have no range.
     """
     size = window.nx * window.ny
     ordered = np.sort((flat << _HEIGHT_BITS) + np.rint(z).astype(np.int64))
@@ -156,14 +157,13 @@ def _levels(
     of_normal = np.maximum(2.0 * special.ndtri((3 * ranks // 4 + 0.625) / (ranks + 1.25)), 0.0)
     ranged = of_normal[last] > 0.0
     spread, expected, number = (
-        _sum_around(values.reshape(window.shape), 5)
-        for values in (
-            np.where(ranged, high - low, 0.0),
-            of_normal[last],
-            np.where(ranged, count, 0),
-        )
+        np.where(ranged, values, 0).reshape(window.shape)
+        for values in (high - low, of_normal[last], count)
     )
-    return median.reshape(window.shape), spread / np.maximum(expected, 1e-9), number
+    std = np.maximum(
+        *(_sum_around(spread, w) / np.maximum(_sum_around(expected, w), 1e-9) for w in (3, 5))
+    )
+    return median.reshape(window.shape), std, _sum_around(number, 5)
 
 
 def _sum_around(values: FloatArray, wide: int = 3) -> FloatArray:
