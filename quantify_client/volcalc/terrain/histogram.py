@@ -89,7 +89,7 @@ class Cubes:
     factor: int = 1
     too_far: int = 0
 
-    def select(self, which: npt.NDArray[np.bool_]) -> Cubes:
+    def select(self, which: npt.NDArray[np.bool_] | IntArray) -> Cubes:
         """Return some of the cubes."""
         return replace(self, **{name: getattr(self, name)[which] for name in _PER_CUBE})
 
