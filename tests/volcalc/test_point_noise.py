@@ -14,6 +14,7 @@ from quantify_client.volcalc.terrain.noise import measure_noise
 from quantify_client.volcalc.terrain.point_noise import (
     _IN_BIN,
     _OVERLAP,
+    _bends,
     _four,
     _relative_excess,
     _shrunk,
@@ -101,11 +102,12 @@ def test_noise_that_is_the_same_everywhere_is_found_the_same_everywhere(shape):
     np.testing.assert_allclose(point, S0, rtol=0.05)
 
 
-def test_cells_of_a_random_number_of_points_have_the_noise_of_the_ground():
+def test_cells_of_a_random_number_of_points_have_the_noise_of_each_point():
     counts = np.random.default_rng(9).poisson(4.5, (8, *SHAPE)).clip(1).astype(float)
     for seed, count in enumerate(counts):
         noise = _measured(_cone(), np.full(SHAPE, S0), seed, count)
-        assert _rms(noise.point[INSIDE > 0]) == pytest.approx(noise.point[0, 0], rel=0.1)
+        assert noise.point[0, 0] == pytest.approx(S0, rel=0.1)
+        assert _rms(noise.point[INSIDE > 0]) == pytest.approx(S0, rel=0.1)
 
 
 @pytest.mark.parametrize("east", [8.0, 2.0])
@@ -205,3 +207,16 @@ def test_the_interval_of_a_steep_pile_with_noisy_faces_holds(monkeypatch):
     print(f"RMS {_rms(deviations):.2f}, with the ground's noise {_rms(as_on_the_ground):.2f}")
     assert 0.8 < _rms(deviations) < 1.15
     assert _rms(as_on_the_ground) > 1.1 * _rms(deviations)
+
+
+def test_heights_within_cells_across_a_crease_are_as_far_off_their_planes_as_is_said():
+    """All places of a crease of slope 1 in a cell, with 2,000 points in each cell."""
+    line = (np.arange(2000) + 0.5) / 2000 - 0.5
+    said, found = 0.0, 0.0
+    for place in (np.arange(50) + 0.5) / 50 - 0.5:
+        heights = np.maximum(np.arange(-6, 7)[:, None] + line - place, 0.0)
+        mean = heights.mean(axis=1)
+        slope = np.gradient(mean)
+        found += (heights - mean[:, None] - slope[:, None] * line).var(axis=1)[2:-2].sum()
+        said += _bends(np.tile(mean, (9, 1)), 0.0)[4].sum()
+    assert said == pytest.approx(found, rel=0.02)

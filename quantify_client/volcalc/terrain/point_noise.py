@@ -39,6 +39,11 @@ _ENOUGH = 10_000
 #: Heights are not known better than to this many metres.
 _ROUNDING = 1e-12
 
+#: Variance of heights within cells about their planes, as a share of squares of second differences,
+#: both summed across a crease between two slopes and averaged over all its places in a cell
+#: (integrated numerically: tests/volcalc/test_point_noise.py).
+_CREASE = 0.0145
+
 _BOOLS = npt.NDArray[np.bool_]
 
 
@@ -54,8 +59,8 @@ def white_noise(
     """Return the white standard deviation of each cell's mean height, and of its single points.
 
     The n points of a sloping cell lie where they are known to be within a variance u of each along
-    either axis, so that their mean height is off by slope * cell * sqrt(u / n). The differences
-    measured the sum of both over typical ground.
+    either axis, so that their mean height is off by slope * cell * sqrt(u / n); and the cell may
+    bend. The differences measured the sum of all over typical ground.
 
     Parameters
     ----------
@@ -70,10 +75,11 @@ def white_noise(
         return np.zeros(z.shape), np.zeros(z.shape)
     down, right = np.gradient(np.where(np.isfinite(filled), filled, z[known].mean()))
     slope = down**2 + right**2
-    by_place = slope * unplaced
-    typical = quantile(count[ground], 0.5)
-    level = max(independent**2 * typical - quantile(by_place[ground], 0.5), 0.0)
+    by_place = slope * unplaced + _bends(filled, independent**2)
     held = np.maximum(count, 1.0)
+    # The mean variance of cells is that of points times the mean of 1 / n, not 1 / (typical n).
+    together = independent**2 / float(np.mean(1.0 / held[ground]))
+    level = max(together - quantile(by_place[ground], 0.5), 0.0)
     point = np.full(z.shape, level)
     if varying.any():
         squares = _Squares.of(z, held, ground, varying)
@@ -83,6 +89,19 @@ def white_noise(
             more = np.interp(variable[varying], places, excess)
             point[varying] = np.maximum(point[varying] + more, 0.0)
     return np.sqrt((point + by_place) / held), np.sqrt(point)
+
+
+def _bends(z: FloatArray, noise: float) -> FloatArray:
+    """Return the variance of points' heights about the plane of their cell, (ny, nx).
+
+    Where the ground bends, as along the toe of a pile, the points of a cell tell more than its
+    slope by where they lie. From second differences of the heights z (ny, nx), beyond those that
+    the variance `noise` of a cell makes of itself.
+    """
+    square = np.zeros(z.shape)
+    square[1:-1] += np.nan_to_num(np.diff(z, 2, axis=0)) ** 2
+    square[:, 1:-1] += np.nan_to_num(np.diff(z, 2, axis=1)) ** 2
+    return np.asarray(_CREASE * np.maximum(ndimage.uniform_filter(square, 3) - 12.0 * noise, 0.0))
 
 
 @dataclass(frozen=True)
