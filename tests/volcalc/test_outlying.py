@@ -111,7 +111,7 @@ def test_walls_keep_top_and_foot(turn):
 
 
 def test_what_has_a_tenth_of_its_neighbourhood_is_kept():
-    """Bushes of 0.5 m on a fifth of the points: only where chance made them few are they outliers."""
+    """Bushes of 0.5 m on a fifth of the points are outliers only where chance made them few."""
     x, y = places()
     high = np.random.default_rng(7).random(len(x)) < 0.2
     cubes = marked(x, y, noise() + 0.5 * high)
