@@ -10,7 +10,11 @@ import pytest
 from quantify_client.types import Window
 from quantify_client.volcalc.terrain.accumulate import TerrainAccumulator
 from quantify_client.volcalc.terrain.heights import MARGIN, cell_heights, fit_cells
-from quantify_client.volcalc.terrain.outlying import mark_outliers
+from quantify_client.volcalc.terrain.outlying import (
+    _normal_limit,
+    _second_highest,
+    mark_outliers,
+)
 
 from .grounds import EAST, LEVEL, NORTH
 
@@ -154,3 +158,33 @@ def test_sparse_points_and_none_at_all_are_kept():
     z = np.where(np.arange(60) == 30, 5.0, 0.0)
     assert left_out(marked(x, y, z)) == 0
     assert left_out(marked(x - 900, y, z)) == 0
+
+
+def test_a_post_on_which_a_tenth_of_its_neighbourhood_lies_is_kept():
+    """0.4 m wide, in cells of 0.2 to 0.25 m: it may fill one cell only, and has 16 points."""
+    x, y = places()
+    on = (np.abs(x - 15.07) < 0.2) & (np.abs(y - 14.97) < 0.2)
+    assert on.sum() > 10
+    assert left_out(marked(x, y, noise() + on)) == 0
+
+
+def test_one_high_cell_raises_no_level_around_it_and_two_do():
+    level, flat = np.zeros((7, 7)), np.zeros((7, 7))
+    level[3, 3] = 5.0
+    np.testing.assert_array_equal(_second_highest(level, flat, flat), flat)
+    level[3, 4] = 4.0
+    assert _second_highest(level, flat, flat)[2:5, 3:5] == pytest.approx(4.0)
+
+
+def test_levels_on_a_plane_are_the_same_when_continued_by_its_slope():
+    row, column = np.mgrid[0:7, 0:7]
+    ones = np.ones((7, 7))
+    level = 2.0 * column - 3.0 * row
+    np.testing.assert_allclose(_second_highest(level, 2 * ones, -3 * ones)[1:-1, 1:-1],
+                               level[1:-1, 1:-1])  # fmt: skip
+
+
+def test_limits_are_those_of_students_t():
+    """t of 10 and 20 degrees of freedom at 0.9995, from tables: 4.587 and 3.850."""
+    limits = _normal_limit(np.array([0.0, 28.0, 55.0]), 50)
+    assert limits == pytest.approx([np.inf, 4.587, 3.850], abs=1e-3)
