@@ -9,8 +9,10 @@ import pytest
 
 from quantify_client.types import Window
 from quantify_client.volcalc.terrain.accumulate import TerrainAccumulator
+from quantify_client.volcalc.terrain.grid import CellWindow
 from quantify_client.volcalc.terrain.heights import MARGIN, cell_heights, fit_cells
 from quantify_client.volcalc.terrain.outlying import (
+    _are_few,
     _normal_limit,
     _second_highest,
     mark_outliers,
@@ -188,3 +190,10 @@ def test_limits_are_those_of_students_t():
     """t of 10 and 20 degrees of freedom at 0.9995, from tables: 4.587 and 3.850."""
     limits = _normal_limit(np.array([0.0, 28.0, 55.0]), 50)
     assert limits == pytest.approx([np.inf, 4.587, 3.850], abs=1e-3)
+
+
+@pytest.mark.parametrize(("number", "few"), [(10, False), (11, True)])
+def test_one_of_ten_is_a_tenth_and_one_of_eleven_is_less(number, few):
+    flat, far = np.full(number, 12), np.array([0])
+    count = np.full(number, 3)
+    assert _are_few(far, flat, count, CellWindow(1.0, 0, 0, 5, 5)).tolist() == [few]
