@@ -9,8 +9,14 @@ import pytest
 
 from quantify_client.types import Window
 from quantify_client.volcalc.terrain.accumulate import TerrainAccumulator
+from quantify_client.volcalc.terrain.grid import CellWindow
 from quantify_client.volcalc.terrain.heights import MARGIN, cell_heights, fit_cells
-from quantify_client.volcalc.terrain.outlying import mark_outliers
+from quantify_client.volcalc.terrain.outlying import (
+    _are_few,
+    _normal_limit,
+    _second_highest,
+    mark_outliers,
+)
 
 from .grounds import EAST, LEVEL, NORTH
 
@@ -111,7 +117,7 @@ def test_walls_keep_top_and_foot(turn):
 
 
 def test_what_has_a_tenth_of_its_neighbourhood_is_kept():
-    """Bushes of 0.5 m on a fifth of the points: outliers only where chance made them few."""
+    """Bushes of 0.5 m on a fifth of the points are outliers only where chance made them few."""
     x, y = places()
     high = np.random.default_rng(7).random(len(x)) < 0.2
     cubes = marked(x, y, noise() + 0.5 * high)
@@ -154,3 +160,40 @@ def test_sparse_points_and_none_at_all_are_kept():
     z = np.where(np.arange(60) == 30, 5.0, 0.0)
     assert left_out(marked(x, y, z)) == 0
     assert left_out(marked(x - 900, y, z)) == 0
+
+
+def test_a_post_on_which_a_tenth_of_its_neighbourhood_lies_is_kept():
+    """0.4 m wide, in cells of 0.2 to 0.25 m: it may fill one cell only, and has 16 points."""
+    x, y = places()
+    on = (np.abs(x - 15.07) < 0.2) & (np.abs(y - 14.97) < 0.2)
+    assert on.sum() > 10
+    assert left_out(marked(x, y, noise() + on)) == 0
+
+
+def test_one_high_cell_raises_no_level_around_it_and_two_do():
+    level, flat = np.zeros((7, 7)), np.zeros((7, 7))
+    level[3, 3] = 5.0
+    np.testing.assert_array_equal(_second_highest(level, flat, flat), flat)
+    level[3, 4] = 4.0
+    assert _second_highest(level, flat, flat)[2:5, 3:5] == pytest.approx(4.0)
+
+
+def test_levels_on_a_plane_are_the_same_when_continued_by_its_slope():
+    row, column = np.mgrid[0:7, 0:7]
+    ones = np.ones((7, 7))
+    level = 2.0 * column - 3.0 * row
+    np.testing.assert_allclose(_second_highest(level, 2 * ones, -3 * ones)[1:-1, 1:-1],
+                               level[1:-1, 1:-1])  # fmt: skip
+
+
+def test_limits_are_those_of_students_t():
+    """t of 10 and 20 degrees of freedom at 0.9995, from tables: 4.587 and 3.850."""
+    limits = _normal_limit(np.array([0.0, 28.0, 55.0]), 50)
+    assert limits == pytest.approx([np.inf, 4.587, 3.850], abs=1e-3)
+
+
+@pytest.mark.parametrize(("number", "few"), [(10, False), (11, True)])
+def test_one_of_ten_is_a_tenth_and_one_of_eleven_is_less(number, few):
+    flat, far = np.full(number, 12), np.array([0])
+    count = np.full(number, 3)
+    assert _are_few(far, flat, count, CellWindow(1.0, 0, 0, 5, 5)).tolist() == [few]

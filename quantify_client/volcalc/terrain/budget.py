@@ -142,7 +142,7 @@ def _coverage(surface: AreaSurface, sides: _BOOLS) -> list[float]:
     lags, off = _off_neighbours(surface, float(depth.max()))
     by_shape = np.interp(depth, lags, off)
     inward = _inward_slope(surface.filled, ~surface.measured)
-    step = _local_step(surface.heights.z)
+    step = _steps(surface.heights.z, gaps.any(axis=0))
     return [_over_gaps(gap, surface.a, depth, by_shape, inward, step) for gap in gaps]
 
 
@@ -180,12 +180,28 @@ def _inward_slope(z: FloatArray, gap: _BOOLS) -> FloatArray:
     return np.asarray(np.nan_to_num(rise))
 
 
-def _local_step(z: FloatArray) -> FloatArray:
-    """Return the difference between the highest and the lowest known cell of each 5 x 5 cells."""
-    known = np.isfinite(z)
-    high = ndimage.maximum_filter(np.where(known, z, -np.inf), 5)
-    low = ndimage.minimum_filter(np.where(known, z, np.inf), 5)
-    return np.where(np.isfinite(high - low), high - low, 0.0)
+def _steps(z: FloatArray, at: _BOOLS) -> FloatArray:
+    """Return how far apart known cells are in the 5 x 5 around some cells, (ny, nx); 0 elsewhere.
+
+    It is counted from their least-squares plane: a slope is no step.
+    """
+    row, column = np.nonzero(at)
+    v, u = (offset.ravel() - 2.0 for offset in np.indices((5, 5)))
+    padded = np.pad(z, 2, constant_values=np.nan)
+    near = padded[row[:, None] + (v + 2).astype(int), column[:, None] + (u + 2).astype(int)]
+    known = np.isfinite(near)
+    terms = np.stack([np.ones(25), u, v], axis=1)
+    normal = np.einsum("mk,ki,kj->mij", known.astype(np.float64), terms, terms)
+    # A little damping, for few cells or such on one line: less slope, and more of a step.
+    normal += 1e-3 * np.diag([0.0, 1.0, 1.0]) + 1e-12 * np.eye(3)
+    level = np.nan_to_num(near).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+    near = np.where(known, near - level[:, None], 0.0)
+    plane = np.linalg.solve(normal, (near @ terms)[..., None])[..., 0]
+    off = near - plane @ terms.T
+    apart = np.where(known, off, -np.inf).max(axis=1) - np.where(known, off, np.inf).min(axis=1)
+    steps = np.zeros(z.shape)
+    steps[at] = np.where(known.sum(axis=1) > 3, apart, 0.0)
+    return steps
 
 
 def _off_neighbours(surface: AreaSurface, deepest: float) -> tuple[FloatArray, FloatArray]:

@@ -64,8 +64,8 @@ def mark_outliers(cubes: Cubes, bounds: Window) -> Cubes:
     # Other grid offsets begin up to half a cell further west and south.
     window = CellWindow.around(bounds, cubes.cell * factor, MARGIN + 1)
     column, row = cubes.column // factor, cubes.row // factor
-    inside = np.flatnonzero(window.holds(row - window.first_y, column - window.first_x))
-    if not len(inside):
+    inside = window.holds(row - window.first_y, column - window.first_x)
+    if not inside.any():
         return cubes
     near, column, row = cubes.select(inside), column[inside], row[inside]
     flat = (row - window.first_y) * window.nx + (column - window.first_x)
@@ -84,7 +84,7 @@ def mark_outliers(cubes: Cubes, bounds: Window) -> Cubes:
     few = _are_few(far, flat, np.ones_like(near.count), window)
     few |= _are_few(far, flat, near.count, window)
     outlying = cubes.outlying.copy()
-    outlying[inside[far[few]]] = True
+    outlying[np.flatnonzero(inside)[far[few]]] = True
     return replace(cubes, outlying=outlying)
 
 
@@ -157,7 +157,7 @@ def _levels(
     of_normal = np.maximum(2.0 * special.ndtri((3 * ranks // 4 + 0.625) / (ranks + 1.25)), 0.0)
     ranged = of_normal[last] > 0.0
     spread, expected, number = (
-        np.where(ranged, values, 0).reshape(window.shape)
+        np.where(ranged, values, 0.0).reshape(window.shape)
         for values in (high - low, of_normal[last], count)
     )
     std = np.maximum(
