@@ -49,7 +49,7 @@ class Measured:
 
     result: AreaResult
     findings: Findings
-    ground: Ground | None
+    ground: Ground | None = None
 
 
 def measure_terrain(
