@@ -25,6 +25,7 @@ from dataclasses import dataclass
 from typing import Iterator, NamedTuple
 
 import numpy as np
+from scipy import special
 
 from ...types import FloatArray
 
@@ -121,7 +122,7 @@ def _difference_nodes(order: int) -> tuple[FloatArray, FloatArray]:
 
     Coordinate differences u of two random places in it have the density 2 (1 - u) on 0 .. 1.
     """
-    node, weight = np.polynomial.legendre.leggauss(order)
+    node, weight = special.roots_legendre(order)
     u, density = (node + 1) / 2, weight * (1 - (node + 1) / 2)
     return np.hypot(u[:, None], u).ravel(), np.outer(density, density).ravel()
 
@@ -222,6 +223,6 @@ def _likely_models(
     weight /= weight.sum()
     for i in np.flatnonzero(weight.sum(axis=1) >= _LEAST_SHARE):
         scale = square[i] / (count - 2)
-        yield _Model(
-            *kinds[i], white[i], turns[i], turned[i], ratios[i], totals[i], scale, weight[i]
-        )
+        smoothness, length = kinds[i]
+        seen = turns[i], turned[i], ratios[i], totals[i]
+        yield _Model(smoothness, length, white[i], *seen, scale, weight[i])

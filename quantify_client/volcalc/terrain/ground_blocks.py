@@ -210,7 +210,7 @@ def _means(
     place = np.stack([sides, np.floor(points.x / sides), np.floor(points.y / sides)])
     _, block = np.unique(place, axis=1, return_inverse=True)
     block = block.ravel()
-    cells = np.bincount(block, points.cells)
+    cells = np.bincount(block, points.cells).astype(np.float64)
 
     def mean(values: FloatArray) -> FloatArray:
         return np.asarray(np.bincount(block, values * points.cells) / cells)

@@ -208,7 +208,7 @@ def _are_few(
     """Return which of the cubes `far` from the surface are around places with few such points."""
     size = window.nx * window.ny
     of_all, of_far = (
-        _sum_around(np.bincount(cells, weight, size).reshape(window.shape)).ravel()
+        _sum_around(np.bincount(cells, weight, size).astype(float).reshape(window.shape)).ravel()
         for cells, weight in ((flat, count), (flat[far], count[far]))
     )
     # Whole numbers, so that the same points several times are treated alike.

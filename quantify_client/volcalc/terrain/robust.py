@@ -57,12 +57,12 @@ def robust_plane(x: FloatArray, y: FloatArray, z: FloatArray, least: float) -> t
     ----------
     least : a standard deviation is at least this: rounding must not look like an outlier.
     """
-    plane, scatter, weight = plane_through(x, y, z, np.ones_like(z)), 0.0, np.ones_like(z)
+    plane, scatter = plane_through(x, y, z, np.ones_like(z)), least
     for _ in range(_PLANE_ROUNDS):
         off = z - plane(x, y)
         scatter = max(MAD * quantile(np.abs(off), 0.5), least)
-        weight = np.clip(1.0 - (off / (TUKEY * scatter)) ** 2, 1e-6, None) ** 2
-        plane = plane_through(x, y, z, weight)
+        share = np.clip(1.0 - (off / (TUKEY * scatter)) ** 2, 1e-6, None)
+        plane = plane_through(x, y, z, np.asarray(share**2, dtype=np.float64))
     return plane, scatter
 
 
