@@ -47,7 +47,8 @@ def test_draw_measure_save_show_rename_delete(open_page, tasks, outline, expecte
     page.page.wait_for_timeout(200)
     page.picture("panel-result")
 
-    assert only_number(page.hero()) == pytest.approx(expected.volume_m3, rel=2e-3)
+    # Drawn by hand, to a pixel: the ground predicted for it is another by a fraction of the interval.
+    assert only_number(page.hero()) == pytest.approx(expected.volume_m3, abs=0.5 * expected.std_m3)
     assert "m³" in page.hero()
     assert "±" in page.hero()
     assert "95 % interval" in page.page.inner_text(".vc-hero")

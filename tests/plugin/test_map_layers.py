@@ -113,7 +113,7 @@ def test_outlines_of_a_cone_enclose_the_areas_of_its_slices(cone):
         plane = on_map(cone.frame, cone.results[0].relief.min_x, cone.results[0].relief.min_y, 0.0)
         x, y = plane.places(*np.array(line).T)
         area = math.pi * (8.0 - 2.0 * told["z_m"]) ** 2  # a cone of radius 8 m and height 4 m
-        assert shapely.Polygon(np.column_stack([x, y])).area == pytest.approx(area, rel=0.04)
+        assert shapely.Polygon(np.column_stack([x, y])).area == pytest.approx(area, rel=0.06)
 
 
 def test_body_has_outlines_and_a_cloud_without_crs_no_layers(site):

@@ -256,6 +256,8 @@ def _at_middles(
     east, north : (ny, nx) mean place of the points from the middle, in cells.
     """
     found = z
+    # Beside a chasm no height is found that nothing around has.
+    lowest, highest = ndimage.minimum_filter(z, 3), ndimage.maximum_filter(z, 3)
     for _ in range(2):
         across = ndimage.correlate1d(found, _STEP, axis=1, mode="constant", cval=np.nan)
         slope_east = ndimage.correlate1d(across, _MEAN, axis=0, mode="constant", cval=np.nan)
@@ -263,7 +265,7 @@ def _at_middles(
         slope_north = ndimage.correlate1d(along, _MEAN, axis=1, mode="constant", cval=np.nan)
         moved = slope_east * east + slope_north * north
         placed = np.isfinite(moved)
-        found = np.where(placed, z - moved, z)
+        found = np.where(placed, np.clip(z - moved, lowest, highest), z)
     return found, placed
 
 
