@@ -47,7 +47,7 @@ def test_draw_measure_save_show_rename_delete(open_page, tasks, outline, expecte
     page.page.wait_for_timeout(200)
     page.picture("panel-result")
 
-    # Drawn by hand, to a pixel: the ground predicted for it is another by a fraction of the interval.
+    # Drawn by hand, to a pixel: the ground predicted for it is another, well within the interval.
     assert only_number(page.hero()) == pytest.approx(expected.volume_m3, abs=0.5 * expected.std_m3)
     assert "m³" in page.hero()
     assert "±" in page.hero()
