@@ -9,6 +9,9 @@ from quantify_client.types import Window
 from quantify_client.volcalc.terrain import accumulate
 from quantify_client.volcalc.terrain.accumulate import TerrainAccumulator
 
+#: The chain of all of them runs on the second Python in other tests.
+pytestmark = pytest.mark.one_python
+
 EAST, NORTH = 576_700.0, 5_188_140.0
 SITE = Window(EAST + 100, NORTH + 100, EAST + 120, NORTH + 116)
 NEAR = Window(EAST + 110, NORTH + 90, EAST + 131, NORTH + 121)

@@ -17,6 +17,9 @@ from quantify_client.volcalc.terrain.covariance import (
     predict_blocks,
 )
 
+#: The chain of all of them runs on the second Python in other tests.
+pytestmark = pytest.mark.one_python
+
 EAST, NORTH, LEVEL = 576_000.0, 5_188_000.0, 1_634.0
 
 

@@ -20,6 +20,9 @@ from quantify_client.volcalc.terrain.outlying import (
 
 from .grounds import EAST, LEVEL, NORTH
 
+#: The chain of all of them runs on the second Python in other tests.
+pytestmark = pytest.mark.one_python
+
 SITE = Window(EAST + 5, NORTH + 5, EAST + 25, NORTH + 25)
 CORE = Window(0, 0, 20, 20)
 NOISE = 0.02

@@ -20,6 +20,9 @@ from quantify_client.volcalc.terrain.point_noise import (
     _shrunk,
 )
 
+#: The chain of all of them runs on the second Python in other tests.
+pytestmark = pytest.mark.one_python
+
 SHAPE = (190, 210)
 CELL, LEVEL, S0 = 0.25, 160.0, 0.03
 ROW, COLUMN = np.indices(SHAPE)
