@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -202,6 +203,18 @@ def test_compare_is_the_single_runs_side_by_side(pile):
         for name in ("volume_m3", "cut_m3", "fill_m3", "std_m3", "slices", "warnings"):
             assert getattr(row, name) == getattr(alone, name), (row.base, name)
     assert table.volume_m3 == table.bases[0].volume_m3
+
+
+def test_a_base_is_off_by_its_departure_from_the_predicted_ground(tmp_path):
+    """In squares: its volume less that on the kriged base, and what that one is off by."""
+    table = measured(tmp_path, four_piles().on(undulating), count=60_000, base="compare")
+    kriged, *others = table.bases
+    (own,) = (item.std_m3 for item in kriged.budget if item.source == "base")
+    assert own > 0
+    for row in others:
+        (std,) = (item.std_m3 for item in row.budget if item.source == "base")
+        # Volumes are means over four grid offsets, the budget is that of the first.
+        assert std == pytest.approx(math.hypot(own, row.volume_m3 - kriged.volume_m3), rel=0.05)
 
 
 @pytest.mark.parametrize(

@@ -51,14 +51,12 @@ class AreaPoints:
     sample : (K, 3) float64, some real points over the area, for the check.
     around : (K, 3) float64, some real points up to the area's longer side away, evenly spread;
         those over the area are among them.
-    others : outlines of other areas that come so near; none covers this area.
     """
 
     box: Window
     cubes: Cubes
     sample: FloatArray
     around: FloatArray
-    others: Tuple[Polygon | MultiPolygon, ...] = ()
 
     @property
     def origin(self) -> Tuple[float, float]:
@@ -81,7 +79,6 @@ class AreaPoints:
             cubes=self.cubes.shifted(east, north),
             sample=self.sample + np.array([x, y, 0.0]),
             around=self.around + np.array([x, y, 0.0]),
-            others=tuple(shapely.affinity.translate(shape, x, y) for shape in self.others),
         )
 
 

@@ -1,9 +1,9 @@
 """The rim of an area: points along its outline, each with a robust height of the ground there.
 
 What lies under a pile cannot be seen, but the ground around it can. Base surfaces are drawn
-through these heights, and each of them is a known linear combination of cell heights, so that
-their errors can be propagated. Where the outline crosses a channel or a ridge, the heights are
-interpolated straight across.
+through these heights, and so is the check; each is a known linear combination of cell heights, so
+that the noise of the check can be told. Where the outline crosses a channel or a ridge, the heights
+are interpolated straight across.
 """
 
 from __future__ import annotations
