@@ -193,6 +193,15 @@ def test_bases_that_follow_the_tilt_give_the_pile(pile, base):
     assert result.volume_m3 == pytest.approx(PILE.volume, rel=0.01)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_an_outline_on_a_slope_cuts_cells_where_it_lies(tmp_path, seed):
+    """A circle of 5 m halfway up a cone, over its level: 0.4 % too low with the cells' own heights."""
+    outline = circle(5.0)
+    terrain = replace(cone(), outline=outline, volume=integral(cone().feature, outline))
+    result = measured(tmp_path, terrain, CLEAN, seed, 20_000, base=LEVEL)
+    assert result.volume_m3 == pytest.approx(terrain.volume, rel=1e-3)
+
+
 def test_compare_is_the_single_runs_side_by_side(pile):
     (table,) = measure(pile, area=PILE.area, base="compare").results
     assert [row.base for row in table.bases] == [

@@ -44,6 +44,7 @@ def ground_under(
         z - cell / 4,
         z + cell / 4,
         count.astype(np.float64),
+        (np.zeros(z.shape), np.zeros(z.shape)),
         np.full(z.shape, 1 / 12),
     )
 

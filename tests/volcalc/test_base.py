@@ -11,7 +11,7 @@ from shapely.geometry import Point, Polygon, box
 
 from quantify_client.errors import SupportError
 from quantify_client.volcalc.terrain.base import BASES, SURFACES, make_base
-from quantify_client.volcalc.terrain.grid import cell_fractions, polygons_of
+from quantify_client.volcalc.terrain.grid import cell_parts, polygons_of
 from quantify_client.volcalc.terrain.ground import find_ground
 from quantify_client.volcalc.terrain.rim import sample_rim
 
@@ -38,7 +38,7 @@ def bumpy(x, y):
 def case(shape, height=bumpy, noise=0.02):
     polygon = SHAPES[shape]
     heights = ground_under(polygon, height, noise=noise)
-    fraction = cell_fractions(polygon, heights.window)
+    fraction = cell_parts(polygon, heights.window).share
     parts = polygons_of(polygon)
     return parts, heights.window, fraction > 0, sample_rim(parts, heights, fraction)
 
@@ -75,7 +75,7 @@ def test_on_a_plane_the_base_is_the_plane(shape, name):
 
 
 def cell_whole(shape, window):
-    return cell_fractions(SHAPES[shape], window) == 1.0
+    return cell_parts(SHAPES[shape], window).share == 1.0
 
 
 def test_plane_is_the_weighted_least_squares_plane():

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from shapely.geometry import MultiPolygon, Polygon, box
 
 from quantify_client.types import Window
-from quantify_client.volcalc.terrain.grid import CellWindow, cell_fractions, polygons_of
+from quantify_client.volcalc.terrain.grid import CellWindow, cell_parts, polygons_of
 
 EAST, NORTH = 576_700.0, 5_188_140.0
 CELL = 0.5
@@ -23,6 +23,22 @@ def intersections(geometry, window):
     left, bottom = np.meshgrid(left, bottom)
     cells = shapely.box(left, bottom, left + window.cell, bottom + window.cell)
     return shapely.area(shapely.intersection(cells, geometry)) / window.cell**2
+
+
+def centroids(geometry, window):
+    """Shapely's centroid of each cell's part, in cells from its middle; 0 for none and whole."""
+    left = (window.first_x + np.arange(window.nx)) * window.cell
+    bottom = (window.first_y + np.arange(window.ny)) * window.cell
+    left, bottom = np.meshgrid(left, bottom)
+    parts = shapely.intersection(
+        shapely.box(left, bottom, left + window.cell, bottom + window.cell), geometry
+    )
+    middle = shapely.centroid(parts)
+    some = ~shapely.is_empty(middle)
+    east, north = np.zeros((2, *left.shape))
+    east[some] = (shapely.get_x(middle[some]) - left[some]) / window.cell - 0.5
+    north[some] = (shapely.get_y(middle[some]) - bottom[some]) / window.cell - 0.5
+    return east, north
 
 
 def at_site(*rings):
@@ -66,15 +82,19 @@ SHAPES = {
 def test_shares_are_shapely_s_intersections(name):
     geometry = SHAPES[name]
     window = CellWindow.around(Window(*geometry.bounds), CELL, 2)
-    share = cell_fractions(geometry, window)
+    share, east, north = cell_parts(geometry, window)
     np.testing.assert_allclose(share, intersections(geometry, window), atol=1e-8)
     assert share.sum() * CELL**2 == pytest.approx(geometry.area, abs=1e-8)
+    x, y = centroids(geometry, window)
+    # Of slivers the coordinates themselves are rounded to 1e-10 m.
+    np.testing.assert_allclose(share * east, share * x, atol=1e-8)
+    np.testing.assert_allclose(share * north, share * y, atol=1e-8)
 
 
 def test_a_circle_s_shares_are_shapely_s_and_sum_to_its_area():
     circle = shapely.Point(EAST + 10.03, NORTH + 9.97).buffer(7.0, quad_segs=50)
     window = CellWindow.around(Window(*circle.bounds), CELL, 1)
-    share = cell_fractions(circle, window)
+    share = cell_parts(circle, window).share
     np.testing.assert_allclose(share, intersections(circle, window), atol=1e-8)
     assert share.min() == 0.0
     assert share.max() == 1.0
@@ -95,7 +115,7 @@ def test_shares_sum_to_the_area_of_any_star(corners, seed, cell):
     if not star.is_valid:
         return
     window = CellWindow.around(Window(*star.bounds), cell, 1)
-    share = cell_fractions(star, window)
+    share = cell_parts(star, window).share
     assert share.min() >= 0
     assert share.max() <= 1
     assert share.sum() * cell**2 == pytest.approx(star.area, abs=1e-7)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from shapely.geometry import Point, box
 
-from quantify_client.volcalc.terrain.grid import cell_fractions, polygons_of
+from quantify_client.volcalc.terrain.grid import cell_parts, polygons_of
 from quantify_client.volcalc.terrain.rim import bridge_crossings, sample_rim
 
 from .grounds import EAST, LEVEL, NORTH, at_site, ground_under
@@ -16,7 +16,7 @@ STRIP = at_site(box(4, 2, 16, 22))
 
 def rim_of(height, polygon=STRIP, noise=0.01):
     heights = ground_under(polygon, height, noise=noise)
-    return sample_rim(polygons_of(polygon), heights, cell_fractions(polygon, heights.window))
+    return sample_rim(polygons_of(polygon), heights, cell_parts(polygon, heights.window).share)
 
 
 def channel(depth, width=2.0, ground=lambda x, y: 0.0 * x):
@@ -43,7 +43,7 @@ def test_heights_go_straight_across(depth, ground):
 
 def test_bridged_heights_are_still_their_weights_times_the_cells():
     heights = ground_under(STRIP, channel(1.5), noise=0.01)
-    rim = sample_rim(polygons_of(STRIP), heights, cell_fractions(STRIP, heights.window))
+    rim = sample_rim(polygons_of(STRIP), heights, cell_parts(STRIP, heights.window).share)
     bridged, _ = bridge_crossings(rim)
     np.testing.assert_allclose(bridged.weights @ heights.z.ravel(), bridged.z, rtol=1e-12)
     np.testing.assert_allclose(np.asarray(bridged.weights.sum(axis=1)).ravel(), 1.0, atol=1e-9)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from shapely.geometry import MultiPolygon, Point, Polygon, box
 
-from quantify_client.volcalc.terrain.grid import cell_fractions
+from quantify_client.volcalc.terrain.grid import cell_parts
 from quantify_client.volcalc.terrain.ground import find_ground
 from quantify_client.volcalc.terrain.ground_blocks import block_size, ground_blocks
 
@@ -39,7 +39,7 @@ def on(height, *objects):
 def predicted(polygon, height, around=None, noise=0.01, measured=None):
     """The ground, the true heights less the predicted ones (N,), and areas of the cells inside."""
     heights = ground_under(polygon, height, noise=noise, measured=measured)
-    fraction = cell_fractions(polygon, heights.window)
+    fraction = cell_parts(polygon, heights.window).share
     ground = find_ground(polygon, heights, fraction, around)
     return ground, heights.window, fraction
 
@@ -59,7 +59,7 @@ def test_a_pile_stands_on_the_plane_around_it():
 def test_the_error_of_the_mean_is_within_what_is_said_of_it():
     ground, error, share = off(ROUND, on(waves, (12, 12, 4.5, 3.0)), waves)
     window = ground_under(ROUND, waves).window
-    inside = cell_fractions(ROUND, window) > 0
+    inside = cell_parts(ROUND, window).share > 0
     (std,) = ground.errors(*window.middles(inside), share[None] / share.sum())
     assert abs(np.average(error, weights=share)) < 3 * std
     assert 0.0005 < std < 0.03
@@ -132,7 +132,7 @@ def test_any_shape_has_its_plane(polygon):
 
 def test_blocks_grow_with_the_distance_and_are_few():
     heights = ground_under(ROUND, tilted, noise=0.01)
-    blocks = ground_blocks(ROUND, heights, cell_fractions(ROUND, heights.window), NONE)
+    blocks = ground_blocks(ROUND, heights, cell_parts(ROUND, heights.window).share, NONE)
     assert 30 < len(blocks.z) < 150
     size = block_size(ROUND)
     assert size == pytest.approx(10 / 8, rel=0.01)  # an eighth of the diameter

@@ -13,6 +13,8 @@ from quantify_client.volcalc.terrain.grid import CellWindow
 from quantify_client.volcalc.terrain.heights import MARGIN, cell_heights, fit_cells
 from quantify_client.volcalc.terrain.outlying import (
     _are_few,
+    _by_chance,
+    _hidden,
     _normal_limit,
     _second_highest,
     mark_outliers,
@@ -200,3 +202,33 @@ def test_one_of_ten_is_a_tenth_and_one_of_eleven_is_less(number, few):
     flat, far = np.full(number, 12), np.array([0])
     count = np.full(number, 3)
     assert _are_few(far, flat, count, CellWindow(1.0, 0, 0, 5, 5)).tolist() == [few]
+
+
+def test_each_outlier_counts_by_one_over_the_share_of_places_where_it_is_found():
+    """Of 400 cubes 100 show outliers of 1 m, and 200 those of 2 m."""
+    limit = np.repeat([0.5, 1.5, 3.0], [100, 100, 200])
+    hidden = _hidden(np.array([2.0, -1.0]), limit)
+    assert hidden[0] == pytest.approx([0.0, 0.0])
+    assert hidden[100] == pytest.approx([-1.0 / 100, 1.0 / 100])
+    assert hidden[200] == pytest.approx([-1.0 / 100 + 2.0 / 200, 1.0 / 100 + 4.0 / 200])
+
+
+def test_where_outliers_are_found_tells_what_they_add_where_they_are_not():
+    """In the western half noise of 0.4 m hides most of them, in the eastern half of 0.02 m none."""
+    x, y = places()
+    rough = np.where(x < 15, 20.0, 1.0) * noise()
+    off = outliers(0.02, 0.5)
+    cubes, clean = marked(x, y, rough + off), marked(x, y, rough)
+    heights, without = cell_heights(cubes, CORE), cell_heights(clean, CORE)
+    west = slice(MARGIN + 2, -MARGIN - 2), slice(MARGIN + 2, len(heights.z) // 2 - 2)
+    moved = np.nanmean(heights.z[west] - without.z[west])
+    assert moved > 4e-3
+    assert heights.hidden[0][west].mean() == pytest.approx(moved, rel=0.25)
+    assert not without.hidden[0].any()
+
+
+@pytest.mark.parametrize(("share", "expected"), [(0.001, False), (0.1, True)])
+def test_three_of_thirty_are_chance_only_where_many_are_outliers(share, expected):
+    """Poisson: 3 of 0.03 expected have the probability 4e-6, 3 of 3 that of 0.58."""
+    flat, far = np.full(30, 12), np.array([0, 1, 2])
+    assert _by_chance(far, flat, CellWindow(1.0, 0, 0, 5, 5), share).tolist() == [expected] * 3

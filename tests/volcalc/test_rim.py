@@ -8,7 +8,7 @@ import shapely
 from scipy.spatial import Delaunay
 from shapely.geometry import Point, Polygon, box
 
-from quantify_client.volcalc.terrain.grid import cell_fractions, polygons_of
+from quantify_client.volcalc.terrain.grid import cell_parts, polygons_of
 from quantify_client.volcalc.terrain.rim import interpolation_along, sample_rim
 
 from .grounds import CELL, EAST, LEVEL, NORTH, at_site, ground_under
@@ -27,7 +27,7 @@ def tilted(x, y):
 
 def rim_of(polygon, height, **kind):
     heights = ground_under(polygon, height, **kind)
-    return sample_rim(polygons_of(polygon), heights, cell_fractions(polygon, heights.window))
+    return sample_rim(polygons_of(polygon), heights, cell_parts(polygon, heights.window).share)
 
 
 @pytest.mark.parametrize("polygon", [SQUARE, HOLED, at_site(Point(12, 12).buffer(6))])
@@ -72,7 +72,7 @@ def test_every_segment_is_a_delaunay_edge():
 
 def test_heights_are_their_weights_times_the_cells():
     heights = ground_under(SQUARE, tilted, noise=0.02)
-    fraction = cell_fractions(SQUARE, heights.window)
+    fraction = cell_parts(SQUARE, heights.window).share
     rim = sample_rim(polygons_of(SQUARE), heights, fraction)
     np.testing.assert_allclose(rim.weights @ heights.z.ravel(), rim.z, rtol=1e-12)
     np.testing.assert_allclose(np.asarray(rim.weights.sum(axis=1)).ravel(), 1.0, atol=1e-9)
@@ -111,7 +111,9 @@ def test_a_stretch_without_points_lies_between_its_ends():
 
 def test_without_points_near_there_is_no_rim():
     heights = ground_under(SQUARE, flat, measured=lambda x, y: np.hypot(x - 10, y - 10) < 2)
-    assert sample_rim(polygons_of(SQUARE), heights, cell_fractions(SQUARE, heights.window)) is None
+    assert (
+        sample_rim(polygons_of(SQUARE), heights, cell_parts(SQUARE, heights.window).share) is None
+    )
 
 
 def test_parts_keep_their_own_rings():

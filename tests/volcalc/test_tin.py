@@ -7,7 +7,7 @@ import pytest
 import shapely
 from shapely.geometry import Point, Polygon, box
 
-from quantify_client.volcalc.terrain.grid import cell_fractions, polygons_of
+from quantify_client.volcalc.terrain.grid import cell_parts, polygons_of
 from quantify_client.volcalc.terrain.rim import sample_rim
 from quantify_client.volcalc.terrain.sample import MAX_POINTS, PointSample, first_of, priority
 from quantify_client.volcalc.terrain.tin import tin_integral
@@ -50,7 +50,7 @@ def tilted(x, y):
 def integrals(polygon, height, **kind):
     """The TIN's integral above LEVEL, from random points."""
     heights = ground_under(polygon, height, **kind)
-    rim = sample_rim(polygons_of(polygon), heights, cell_fractions(polygon, heights.window))
+    rim = sample_rim(polygons_of(polygon), heights, cell_parts(polygon, heights.window).share)
     xy = places()
     z = LEVEL + height(xy[:, 0] - EAST, xy[:, 1] - NORTH)
     return tin_integral(sampled(xy, z), polygon, rim, heights).volume - LEVEL * polygon.area
@@ -80,7 +80,7 @@ def test_a_cone_s_prisms_are_its_volume():
 
 def test_outliers_are_no_nodes():
     heights = ground_under(SQUARE, lambda x, y: 0 * x)
-    rim = sample_rim(polygons_of(SQUARE), heights, cell_fractions(SQUARE, heights.window))
+    rim = sample_rim(polygons_of(SQUARE), heights, cell_parts(SQUARE, heights.window).share)
     xy = places()
     z = np.full(len(xy), LEVEL)
     z[::10] += 5.0
@@ -90,7 +90,7 @@ def test_outliers_are_no_nodes():
 
 def test_too_few_points_give_no_check():
     heights = ground_under(SQUARE, lambda x, y: 0 * x)
-    rim = sample_rim(polygons_of(SQUARE), heights, cell_fractions(SQUARE, heights.window))
+    rim = sample_rim(polygons_of(SQUARE), heights, cell_parts(SQUARE, heights.window).share)
     assert tin_integral(np.array([[EAST + 8, NORTH + 8, LEVEL]]), SQUARE, rim, heights) is None
 
 

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from scipy import ndimage, special
 
 from ...types import BudgetItem, FloatArray
+from .grid import squares_around
 from .noise import functional_std
 from .surface import AreaSurface, CutFill
 
@@ -52,7 +53,7 @@ def error_budget(volume: CutFill) -> list[BudgetItem]:
         "survey": np.hypot(survey, [0.0, flat, flat]),
         "base": np.array(from_base),
         "coverage": np.hypot(_coverage(surface, weights > 0), _unmeasured(volume)),
-        "slicing": np.array(_slicing(surface, weights > 0)),
+        "slicing": np.array(_slicing(volume, weights > 0)),
     }
     return [BudgetItem(source, *values.tolist()) for source, values in stds.items()]
 
@@ -81,11 +82,23 @@ def _survey_and_base(weights: FloatArray, volume: CutFill) -> tuple[FloatArray, 
     """Return the survey's and the base's standard deviations of each sum(weights * r), (K,)."""
     noise = volume.surface.noise
     direct = onto_measured(weights, volume.surface)
+    hidden = _hidden_outliers(direct, volume.surface)
     if not isinstance(volume.base.name, str):
         survey = functional_std(direct, noise)
-        return survey, np.zeros_like(survey)
+        return np.hypot(survey, hidden), np.zeros_like(survey)
     survey = functional_std(direct, replace(noise, correlated=0.0))
-    return survey, _ground_error(weights, volume, survey)
+    return np.hypot(survey, hidden), _ground_error(weights, volume, survey)
+
+
+def _hidden_outliers(weights: FloatArray, surface: AreaSurface) -> FloatArray:
+    """Return what outliers within the limits add to the error of each sum(weights * z), (K,).
+
+    They move it by what the outliers that were found let expect (`outlying`), and scatter as a
+    Poisson number of them does.
+    """
+    shift, square = surface.heights.hidden
+    moved, scatter = ((w * x).sum(axis=(1, 2)) for w, x in ((weights, shift), (weights**2, square)))
+    return np.asarray(np.sqrt(moved**2 + scatter))
 
 
 def _ground_error(weights: FloatArray, volume: CutFill, survey: FloatArray) -> FloatArray:
@@ -185,10 +198,8 @@ def _steps(z: FloatArray, at: _BOOLS) -> FloatArray:
 
     It is counted from their least-squares plane: a slope is no step.
     """
-    row, column = np.nonzero(at)
+    near = squares_around(z, at, 2).reshape(-1, 25)
     v, u = (offset.ravel() - 2.0 for offset in np.indices((5, 5)))
-    padded = np.pad(z, 2, constant_values=np.nan)
-    near = padded[row[:, None] + (v + 2).astype(int), column[:, None] + (u + 2).astype(int)]
     known = np.isfinite(near)
     terms = np.stack([np.ones(25), u, v], axis=1)
     normal = np.einsum("mk,ki,kj->mij", known.astype(np.float64), terms, terms)
@@ -242,18 +253,10 @@ def _unmeasured(volume: CutFill) -> float:
     return 0.5 * missing * float(np.sqrt(np.average(volume.r[known] ** 2, weights=a[known])))
 
 
-def _slicing(surface: AreaSurface, sides: _BOOLS) -> list[float]:
-    """Return the error of giving part of a cell the height of the whole cell, for each side.
+def _slicing(volume: CutFill, sides: _BOOLS) -> list[float]:
+    """Return the error of cutting cells at the outline, for each side (K, ny, nx).
 
-    The middle of the part is up to half of the missing width from that of the cell. Along an
-    outline on a slope these errors have one sign and add up, signed by whether the ground rises
-    inwards.
+    The height of a part of a cell is as uncertain as the slope that it was found with.
     """
-    share = np.clip(surface.a / surface.cell**2, 0.0, 1.0)
-    rim = (share > 0) & (share < 1)
-    rise_v, rise_u = np.gradient(surface.filled)
-    in_v, in_u = np.gradient(share)
-    norm = np.hypot(in_u, in_v)
-    inward = np.divide(rise_u * in_u + rise_v * in_v, norm, out=np.zeros_like(norm), where=norm > 0)
-    error = np.where(rim, np.nan_to_num(surface.a * inward * (1 - share) / 2), 0.0)
-    return [abs(float(error[side].sum())) for side in sides]
+    square = (volume.surface.a * volume.r_std) ** 2
+    return [float(np.sqrt(square[side].sum())) for side in sides]

@@ -1,10 +1,10 @@
-"""The grid of square cells over an area, and the exact share of each cell inside a polygon."""
+"""The grid of square cells over an area, and the exact part of each cell inside a polygon."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -16,11 +16,15 @@ from ...types import FloatArray, IntArray, Window
 
 __all__ = [
     "EDGE_TOLERANCE",
+    "CellParts",
     "CellWindow",
     "binary_cell",
-    "cell_fractions",
+    "cell_parts",
+    "minmod",
     "polygons_of",
     "repeat_with_rank",
+    "slopes",
+    "squares_around",
 ]
 
 #: A point on the line between two cells belongs to the upper one, even when rounding put it
@@ -96,43 +100,112 @@ class CellWindow:
         return cls(cell, first_x, first_y, nx, ny)
 
 
+class CellParts(NamedTuple):
+    """The part of each cell inside a polygon, all (ny, nx) float64.
+
+    Attributes
+    ----------
+    share : of the cell's area, 0..1.
+    east, north : centroid of the part from the middle of the cell, in cells.
+    """
+
+    share: FloatArray
+    east: FloatArray
+    north: FloatArray
+
+
 def polygons_of(geometry: Polygon | MultiPolygon) -> list[Polygon]:
     """Return the polygons of a geometry, outer rings counter-clockwise and holes clockwise."""
     parts = geometry.geoms if isinstance(geometry, MultiPolygon) else [geometry]
     return [orient(part, 1.0) for part in parts]
 
 
-def cell_fractions(geometry: Polygon | MultiPolygon, window: CellWindow) -> FloatArray:
-    """Return the exact share of each cell of `window` that lies inside `geometry`.
+def cell_parts(geometry: Polygon | MultiPolygon, window: CellWindow) -> CellParts:
+    """Return the exact part of each cell of `window` that lies inside `geometry`.
 
     The rings are cut at the cell lines. Each piece adds to its own cell the part of the cell east
     of the piece, and its height to every cell further east: the signed-area accumulation of font
-    rasterisers. The cost grows with the number of cells and pieces, not with the polygon's shape.
+    rasterisers, of first moments as of areas. The cost grows with the number of cells and pieces,
+    not with the polygon's shape.
 
     Parameters
     ----------
-    geometry : valid polygon(s) inside the window, in the same coordinates.
-
-    Returns
-    -------
-    (ny, nx) float64 in 0..1; holes count as outside.
+    geometry : valid polygon(s) inside the window, in the same coordinates; holes are outside.
     """
     rings = shapely.get_rings(polygons_of(geometry))
     points, ring = shapely.get_coordinates(rings, return_index=True)
     u, v = window.in_cells(points[:, 0], points[:, 1])
     start = np.flatnonzero(ring[1:] == ring[:-1])
     u0, v0, u1, v1 = _cut_at_cell_lines(u[start], v[start], u[start + 1], v[start + 1])
-    mid_u, mid_v = (u0 + u1) / 2, (v0 + v1) / 2
-    column = np.clip(np.floor(mid_u).astype(np.int64), 0, window.nx)
-    row = np.clip(np.floor(mid_v).astype(np.int64), 0, window.ny - 1)
-    east_of = np.zeros((window.ny, window.nx + 1))
-    further = np.zeros((window.ny, window.nx + 2))
-    np.add.at(east_of, (row, column), (v1 - v0) * (column + 1 - mid_u))
-    np.add.at(further, (row, column + 1), v1 - v0)
-    share = -(east_of[:, : window.nx] + np.cumsum(further, axis=1)[:, : window.nx])
+    column = np.clip(np.floor((u0 + u1) / 2).astype(np.int64), 0, window.nx)
+    row = np.clip(np.floor((v0 + v1) / 2).astype(np.int64), 0, window.ny - 1)
+    # From the middle of the cell: integrals of 1, u and v east of each piece as far as the cell.
+    u0, u1, v0, v1 = u0 - column - 0.5, u1 - column - 0.5, v0 - row - 0.5, v1 - row - 0.5
+    mean_u, mean_v, rise = (u0 + u1) / 2, (v0 + v1) / 2, v1 - v0
+    mean_uu = (u0 * u0 + u0 * u1 + u1 * u1) / 3
+    mean_uv = (2 * u0 * v0 + u0 * v1 + u1 * v0 + 2 * u1 * v1) / 6
+    within = (0.5 - mean_u), (0.25 - mean_uu) / 2, mean_v / 2 - mean_uv
+    share, east, north = (
+        -(
+            _summed(row, column, rise * here, window.shape)
+            + np.cumsum(_summed(row, column + 1, rise * beyond, window.shape), axis=1)
+        )
+        for here, beyond in zip(within, (np.ones_like(rise), np.zeros_like(rise), mean_v))
+    )
     share[share < _ROUNDING] = 0.0
     share[share > 1.0 - _ROUNDING] = 1.0
-    return share
+    partial = (share > 0.0) & (share < 1.0)
+    east, north = (
+        np.clip(np.divide(moment, share, out=np.zeros_like(share), where=partial), -0.5, 0.5)
+        for moment in (east, north)
+    )
+    return CellParts(share, east, north)
+
+
+def _summed(
+    row: IntArray, column: IntArray, values: FloatArray, shape: tuple[int, int]
+) -> FloatArray:
+    """Return the sum of the values in each cell; columns beyond the last are left out."""
+    wide = shape[1] + 2
+    total = np.bincount(row * wide + column, values, shape[0] * wide)
+    return np.asarray(total.reshape(shape[0], wide)[:, : shape[1]])
+
+
+def minmod(before: FloatArray, after: FloatArray) -> FloatArray:
+    """Return the smaller one of the slopes to both sides, or 0 where they differ in sign.
+
+    So that neither a step nor a kink on one side makes a slope (van Leer 1979, Towards the ultimate
+    conservative difference scheme V). Where one is NaN it is 0.
+    """
+    smaller = np.where(np.abs(before) < np.abs(after), before, after)
+    return np.where(before * after > 0.0, smaller, 0.0)
+
+
+def slopes(z: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the slopes at cells to the east and north, (2, ny, nx), metres from cell to cell.
+
+    And by how much those to either side of a cell differ, (2, ny, nx); 0 where one is NaN.
+    """
+
+    def along(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        steps = np.diff(values, axis=0, prepend=np.nan, append=np.nan)
+        return minmod(steps[:-1], steps[1:]), np.abs(np.nan_to_num(steps[1:] - steps[:-1]))
+
+    (east, kink_east), (north, kink_north) = along(z.T), along(z)
+    return np.stack([east.T, north]), np.stack([kink_east.T, kink_north])
+
+
+def squares_around(
+    values: FloatArray, at: npt.NDArray[np.bool_], half: int
+) -> npt.NDArray[np.float64]:
+    """Return the values of the squares around M cells, (M, 2 half + 1, 2 half + 1).
+
+    They are NaN beyond the grid. Parameters: values (ny, nx); at (ny, nx) bool, the cells.
+    """
+    row, column = np.nonzero(at)
+    v, u = np.indices((2 * half + 1, 2 * half + 1))
+    padded = np.pad(values, half, constant_values=np.nan)
+    return np.asarray(padded[row[:, None, None] + v, column[:, None, None] + u])
 
 
 def repeat_with_rank(count: npt.NDArray[np.signedinteger[Any]]) -> tuple[IntArray, IntArray]:

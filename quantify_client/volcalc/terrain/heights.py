@@ -12,7 +12,15 @@ from ...types import FloatArray, IntArray, Window
 from .grid import CellWindow
 from .histogram import Cubes, run_starts, sorting_order
 
-__all__ = ["LAYER_SHARE", "MARGIN", "CellHeights", "cell_heights", "fit_cells"]
+__all__ = [
+    "LAYER_GAP_CELLS",
+    "LAYER_SHARE",
+    "MARGIN",
+    "MOST_BLOCK",
+    "CellHeights",
+    "cell_heights",
+    "fit_cells",
+]
 
 #: Cells hold so many points, on average and at least: about two spacings a side.
 POINTS_PER_CELL = 4.5
@@ -20,15 +28,17 @@ POINTS_PER_CELL = 4.5
 #: Cells beyond the area on each side, for rim heights, gradients and noise.
 MARGIN = 24
 
-#: Outliers are found in neighbourhoods (blocks of cells) of at least this many points.
+#: Outliers are found in blocks of cells of at least this many points, and so many cells a side.
 _BLOCK_POINTS = 64.0
+_LEAST_BLOCK, MOST_BLOCK = 2, 8
 
 #: A separate layer of heights is surface when it has this share of its neighbourhood's points.
 LAYER_SHARE = 0.1
 _LAYER_POINTS = 3
 
-#: Layers are separate when a gap of this many cells in height is between them.
-_LAYER_GAP_CELLS = 1.5
+#: Layers are separate when a gap of this many cells in height is between them, or of more where the
+#: middle half of the heights spans more.
+LAYER_GAP_CELLS = 1.5
 
 #: Slope along one axis of a plane through 3 x 3 cells: differences, and their mean.
 _STEP, _MEAN = (-0.5, 0.0, 0.5), (1 / 3, 1 / 3, 1 / 3)
@@ -46,6 +56,8 @@ class CellHeights:
     outliers : (ny, nx) int64, points left out because they are far from the surface around them.
     low, high : (ny, nx) float64, range of kept heights (middles of bins); NaN without points.
     places : (ny, nx) float64, number of points in distinct places: repetitions add nothing.
+    hidden : two of (ny, nx) float64, by how much outliers that nobody sees move each height: the
+        mean, metres, and the mean square to be expected from those that are found.
     unplaced : (ny, nx) float64, variance of a point's place within its cell, as far as it is not
         known, along each axis and in cells: on a slope it is an error of the height.
     """
@@ -57,6 +69,7 @@ class CellHeights:
     low: FloatArray
     high: FloatArray
     places: FloatArray
+    hidden: tuple[FloatArray, FloatArray]
     unplaced: FloatArray
 
 
@@ -151,7 +164,7 @@ def _on_surface(
         return np.zeros(0, dtype=bool)
     parts = _parts(cubes, row * window.nx + column, window.nx * window.ny)
     mean = parts.sum() / np.count_nonzero(parts)
-    size = int(np.clip(np.ceil(np.sqrt(_BLOCK_POINTS / mean)), 2, 8))
+    size = int(np.clip(np.ceil(np.sqrt(_BLOCK_POINTS / mean)), _LEAST_BLOCK, MOST_BLOCK))
     block = (row // size) * (window.nx // size + 1) + column // size
     # Cubes of the same block and bin are treated alike, whichever comes first.
     bins = cubes.bin - cubes.bin.min()
@@ -200,7 +213,7 @@ def _layer_gap(
             for share in (0.25, 0.75)
         )
         ranges.append(high - low)
-    least = max(2.0, _LAYER_GAP_CELLS * cell / cubes.cell)
+    least = max(2.0, LAYER_GAP_CELLS * cell / cubes.cell)
     return np.asarray(np.maximum(least, np.minimum(*ranges).astype(np.float64)))
 
 
@@ -223,12 +236,17 @@ def _collect(
     low[empty] = high[empty] = np.nan
     z = np.where(empty, np.nan, total / np.maximum(count, 1) * cubes.quantum + foot * cubes.cell)
     east, north = (
-        np.bincount(flat, cubes.count * (2 * (places % cubes.factor) + 1.0), size)
+        np.bincount(flat, cubes.count * (2 * (index % cubes.factor) + 1.0), size)
         / np.maximum(2 * cubes.factor * count, 1)
         - 0.5
-        for places in (cubes.column, cubes.row)
+        for index in (cubes.column, cubes.row)
     )
     z, placed = _at_middles(z.reshape(shape), east.reshape(shape), north.reshape(shape))
+    places = _places(cubes, flat, count)
+    shift, square = (
+        np.bincount(flat, x, size) / np.maximum(places, 1.0) ** power
+        for power, x in zip((1, 2), cubes.hidden.T)
+    )
     return CellHeights(
         window,
         z,
@@ -236,7 +254,8 @@ def _collect(
         outliers.astype(np.int64).reshape(shape),
         low.reshape(shape),
         high.reshape(shape),
-        _places(cubes, flat, count).reshape(shape),
+        places.reshape(shape),
+        (shift.reshape(shape), square.reshape(shape)),
         np.where(placed, cubes.factor**-2.0, 1.0) / 12.0,
     )
 

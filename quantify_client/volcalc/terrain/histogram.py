@@ -57,7 +57,7 @@ _FINEST = 2.0**52
 #: New cubes wait until there are so many, or half as many as the settled ones, before merging.
 _PENDING = 1 << 15
 
-_PER_CUBE = ("column", "row", "bin", "count", "inside", "outlying")
+_PER_CUBE = ("column", "row", "bin", "count", "inside", "outlying", "hidden")
 
 
 @dataclass(frozen=True)
@@ -70,6 +70,8 @@ class Cubes:
     count : (M,) int64, points in the cube.
     inside : (M,) int64, sum of the points' heights above the cube's foot, in quanta.
     outlying : (M,) bool, cubes that stand out from the surface around them (`outlying`).
+    hidden : (M, 2) float64, the mean, metres, and the mean square of what outliers that are not
+        found may add to a point.
     cell : edge of a cube, metres.
     quantum : metres of one quantum.
     height : height of a cube, in quanta.
@@ -83,6 +85,7 @@ class Cubes:
     count: IntArray
     inside: IntArray
     outlying: npt.NDArray[np.bool_]
+    hidden: FloatArray
     cell: float
     quantum: float
     height: int
@@ -115,6 +118,7 @@ class Cubes:
             count=_sums(self.count[order], start),
             inside=_sums(inside[order], start),
             outlying=np.zeros(len(start), dtype=bool),
+            hidden=np.zeros((len(start), 2)),
             cell=math.ldexp(self.cell, times),
             height=self.height << times,
         )
@@ -310,6 +314,7 @@ class CubeStore:
             self._settled.count,
             self._settled.inside,
             np.zeros(len(column), dtype=bool),
+            np.zeros((len(column), 2)),
             math.ldexp(packing.cell, merges),
             packing.quantum,
             1 << (_REST_BITS + merges),

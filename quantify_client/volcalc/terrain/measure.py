@@ -92,9 +92,11 @@ def _on_base(
     crossings: list[Crossing] = []
     if base_name == "triangulate" and rim is not None:
         rim, crossings = bridge_crossings(rim)
-    base = make_base(base_name, rim, surface.parts, surface.heights.window, surface.inside, ground)
-    r = np.where(surface.inside, surface.filled - base.z, np.nan)
-    volume = CutFill(surface, base, ground, r, above_mask(r, surface.a, surface.noise.cell))
+    # One cell more all around, for slopes at the outline.
+    covered = ndimage.binary_dilation(surface.inside, np.ones((3, 3)))
+    base = make_base(base_name, rim, surface.parts, surface.heights.window, covered, ground)
+    r, r_std = surface.over_parts(surface.filled - base.z)
+    volume = CutFill(surface, base, ground, r, r_std, above_mask(r, surface.a, surface.noise.cell))
     lost = surface.fraction[surface.inside & ~np.isfinite(surface.filled)].sum()
     findings = Findings(
         crossings=tuple((height, length / recipe.ground_factor) for height, length in crossings),

@@ -10,15 +10,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import product
-from typing import Iterator
 
 import numpy as np
 import numpy.typing as npt
 from scipy import special
 
 from ...types import FloatArray, IntArray, Window
-from .grid import CellWindow
-from .heights import LAYER_SHARE, MARGIN
+from .grid import CellWindow, slopes
+from .heights import LAYER_GAP_CELLS, LAYER_SHARE, MARGIN, MOST_BLOCK
 from .histogram import Cubes
 
 __all__ = ["mark_outliers"]
@@ -34,11 +33,11 @@ _EFFICIENCY = 0.37
 #: Least standard deviation, metres, as in `robust`: smoother than any survey.
 _SMOOTH = 1e-3
 
-#: Share of the sum of squares that a plane through the means of 3 x 3 cells has to explain. Where a
-#: wall cuts a share s off the middle ones, so that the rows are as 0, s and 1, it explains
-#: 3 / (3 + (1 - 2 s)^2): less than this while s < 0.3, which is when the part behind the wall is
-#: less than a tenth of the points that are held against the level before it.
-_PLANE = 0.95
+#: Slopes are found twice: on a slope the median of a cell is off by where its points lie, until
+#: their heights are those at its middle.
+_ROUNDS = 2
+
+_BOOLS = npt.NDArray[np.bool_]
 
 #: Bits of a height in quanta, with its sign; cells count above them.
 _HEIGHT_BITS = 40
@@ -51,9 +50,12 @@ def mark_outliers(cubes: Cubes, bounds: Window) -> Cubes:
 
     - It is higher than the second highest level of the 3 x 3 cells around it, or lower than the
       second lowest, by more than normal noise of the standard deviation found in 5 x 5 cells makes
-      any of N points. Levels are medians, continued by the slope of the point's cell: all the same
-      on a slope, those of top and foot beside a wall.
-    - Such points are less than a tenth of those in the 3 x 3 cells, by number or by cubes.
+      any of N points. Levels are medians, each continued by its own slope: all the same on a slope,
+      those of top and foot beside a wall.
+    - Such points are less than a tenth of those in the 3 x 3 cells, by number or by cubes, or no
+      more than chance brings together anywhere.
+
+    What may be hidden in the others, because the limit is higher where they are, is in `hidden`.
 
     Parameters
     ----------
@@ -67,28 +69,82 @@ def mark_outliers(cubes: Cubes, bounds: Window) -> Cubes:
     inside = window.holds(row - window.first_y, column - window.first_x)
     if not inside.any():
         return cubes
-    near, column, row = cubes.select(inside), column[inside], row[inside]
-    flat = (row - window.first_y) * window.nx + (column - window.first_x)
+    near = cubes.select(inside)
+    flat = (row[inside] - window.first_y) * window.nx + (column[inside] - window.first_x)
+    off, limit, layer = _off_surface(near, flat, window)
+    far = np.flatnonzero(np.abs(off) > limit)
+    cubewise = np.ones_like(near.count)
+    few = _are_few(far, flat, cubewise, window) | _are_few(far, flat, near.count, window)
+    few |= _by_chance(far, flat, window, np.count_nonzero(few) / len(flat))
+    far = far[few]
+    place = np.flatnonzero(inside)[far]
+    outlying, hidden = cubes.outlying.copy(), cubes.hidden.copy()
+    outlying[place] = True
+    limit = np.minimum(limit, layer) * near.quantum
+    hidden[inside] = _hidden(off[far] * near.quantum, limit)
+    return replace(cubes, outlying=outlying, hidden=hidden)
+
+
+def _hidden(sizes: FloatArray, limit: FloatArray) -> FloatArray:
+    """Return the mean and the mean square of what outliers add to cubes that are kept, (M, 2).
+
+    An outlier is found in those of the M cubes whose limit is below its size; in the others there
+    are as many of this size (Horvitz and Thompson 1952: each counts by one over its chance to be
+    found). Layers of their own are found by `heights`, whatever the limit.
+
+    Parameters
+    ----------
+    sizes : (K,) of the outliers that were found, metres. limit : (M,) metres.
+    """
+    order = np.argsort(np.abs(sizes))
+    sizes = sizes[order]
+    found_in = np.searchsorted(np.sort(limit), np.abs(sizes))
+    each = np.stack([sizes, sizes**2], axis=1) / np.maximum(found_in, 1)[:, None]
+    below = np.concatenate([np.zeros((1, 2)), np.cumsum(each, axis=0)])
+    return np.asarray(below[np.searchsorted(np.abs(sizes), limit)])
+
+
+def _off_surface(
+    near: Cubes, flat: IntArray, window: CellWindow
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return how far cubes are off the levels around them, and how far they may be, quanta.
+
+    And where they would be a layer of their own (`heights`). Between the second highest and the
+    second lowest level it is 0. All are (M,); `flat` (M,) is the number of each cube's cell.
+    """
     z = (near.bin - near.bin.min()) * float(near.height) + near.inside / near.count
     surface = _surface_cubes(near.count)
-    east, north = _slopes(_means(flat[surface], z[surface], window))
-    # Heights at the middle of the cell.
-    z -= east.ravel()[flat] * ((near.column - column * factor + 0.5) / factor - 0.5)
-    z -= north.ravel()[flat] * ((near.row - row * factor + 0.5) / factor - 0.5)
-    level, std, number = _levels(flat[surface], z[surface], window)
-    limit = _normal_limit(number, len(flat)) * np.maximum(std, _SMOOTH / near.quantum)
-    with np.errstate(invalid="ignore"):  # neither levels nor limits: NaN, and nothing is far
-        high = _second_highest(level, east, north) + limit
-        low = -_second_highest(-level, -east, -north) - limit
-    far = np.flatnonzero((z > high.ravel()[flat]) | (z < low.ravel()[flat]))
-    few = _are_few(far, flat, np.ones_like(near.count), window)
-    few |= _are_few(far, flat, near.count, window)
-    outlying = cubes.outlying.copy()
-    outlying[np.flatnonzero(inside)[far[few]]] = True
-    return replace(cubes, outlying=outlying)
+    # From the middle of the cell, in cells.
+    place = (np.stack([near.column, near.row]) % near.factor + 0.5) / near.factor - 0.5
+    middle = z
+    for _ in range(_ROUNDS):
+        (level, _), _ = _levels(flat[surface], middle[surface], window)
+        # The lower median: between two layers there is no surface.
+        slope, kink = slopes(level)
+        # Heights at the middle of the cell.
+        middle = z - (slope.reshape(2, -1)[:, flat] * place).sum(axis=0)
+    medians, ranges = _levels(flat[surface], middle[surface], window)
+    level = medians.mean(axis=0)
+    (near_std, _), (std, number), (of_block, in_block) = (
+        _deviation(ranges, wide, _SMOOTH / near.quantum) for wide in (3, 5, MOST_BLOCK + 1)
+    )
+    # A wall shows in 3 x 3 cells.
+    limit = _normal_limit(number, len(flat)) * np.maximum(near_std, std)
+    # Within a cell the surface is between the slopes to either side.
+    bent = (kink.reshape(2, -1)[:, flat] * np.abs(place)).sum(axis=0)
+    high = _second_highest(level, *slope).ravel()[flat]
+    low = -_second_highest(-level, *-slope).ravel()[flat]
+    # Without a second level these are infinite, and nothing is off.
+    high, low = np.where(np.isfinite([high, low]), [high, low], middle)
+    off = np.maximum(middle - high, 0.0) - np.maximum(low - middle, 0.0)
+    # Half of the heights of a block on a plane are within half of what it rises by.
+    rise = MOST_BLOCK / 2.0 * np.abs(slope).sum(axis=0)
+    layer = np.maximum(LAYER_GAP_CELLS * window.cell / near.quantum, rise)
+    layer += _normal_limit(in_block, len(flat)) * of_block
+    return off, np.hypot(limit.ravel()[flat], bent), layer.ravel()[flat]
 
 
-def _surface_cubes(count: IntArray) -> npt.NDArray[np.bool_]:
+def _surface_cubes(count: IntArray) -> _BOOLS:
     """Return which cubes tell the surface: all but those with much fewer points than most.
 
     Where cubes hold many points outliers fill more than their share of cubes, few in each.
@@ -96,51 +152,16 @@ def _surface_cubes(count: IntArray) -> npt.NDArray[np.bool_]:
     return np.asarray(count * round(len(count) / LAYER_SHARE) >= count.sum())
 
 
-def _means(flat: IntArray, z: FloatArray, window: CellWindow) -> FloatArray:
-    """Return the mean height of each cell, (ny, nx); NaN where it is empty."""
-    size = window.nx * window.ny
-    count = np.bincount(flat, minlength=size)
-    total = np.bincount(flat, z, size)
-    mean = np.divide(total, count, out=np.full(size, np.nan), where=count > 0)
-    return np.asarray(mean.reshape(window.shape))
+def _levels(flat: IntArray, z: FloatArray, window: CellWindow) -> tuple[FloatArray, FloatArray]:
+    """Return each cell's medians and interquartile range.
 
-
-def _slopes(z: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the slope of the least-squares plane through 3 x 3 cells, to the east and north.
-
-    Metres from cell to cell, (ny, nx); 0 where a cell is empty or they are on no plane: the plane
-    has to explain `_PLANE` of their sum of squares.
-    """
-    total, square, east, north = np.zeros((4, *z.shape))
-    for x, y, near in _around(z, np.nan):
-        # From each cell's own height: the squares of elevations would lose digits.
-        step = near - z
-        total += step
-        square += step * step
-        east += x * step
-        north += y * step
-    on_plane = (east**2 + north**2) / 6.0 >= _PLANE * (square - total**2 / 9.0)
-    return np.where(on_plane, east / 6.0, 0.0), np.where(on_plane, north / 6.0, 0.0)
-
-
-def _around(values: FloatArray, beyond: float) -> Iterator[tuple[int, int, FloatArray]]:
-    """Yield the values of each cell and of the eight around it, with their places, as (ny, nx)."""
-    ny, nx = values.shape
-    padded = np.pad(values, 1, constant_values=beyond)
-    for y, x in product((-1, 0, 1), repeat=2):
-        yield x, y, padded[1 + y : 1 + y + ny, 1 + x : 1 + x + nx]
-
-
-def _levels(
-    flat: IntArray, z: FloatArray, window: CellWindow
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return each cell's median, and the standard deviation in 5 x 5 cells with its number.
-
-    Or that in 3 x 3 cells, if it is larger: a wall shows there. It is from the interquartile ranges
-    of the cells, between whole ranks, so that no outlier that is alone in its cell is in them, over
-    those that normal heights have (Blom, 1958, Statistical estimates and transformed
-    beta-variables: the expectation of a rank). All (ny, nx); medians are NaN where a cell is empty;
-    cells of fewer than four heights have no range.
+    Returns
+    -------
+    medians : the lower and the upper one, (2, ny, nx); NaN where a cell is empty.
+    ranges : (3, ny, nx), the interquartile range between whole ranks, so that no outlier that is
+        alone in its cell is in it; that of so many normal heights of variance 1 (Blom, 1958,
+        Statistical estimates and transformed beta-variables: the expectation of a rank); and the
+        number of heights. All are 0 for fewer than four.
     """
     size = window.nx * window.ny
     ordered = np.sort((flat << _HEIGHT_BITS) + np.rint(z).astype(np.int64))
@@ -148,22 +169,25 @@ def _levels(
     last = np.maximum(count - 1, 0)
     start = np.minimum(np.cumsum(count) - count, len(flat) - 1)
     of_cell = np.arange(size) << _HEIGHT_BITS
-    low, middle, over, high = (
+    low, lower, upper, high = (
         (ordered[start + rank] - of_cell).astype(np.float64)
         for rank in (-(-last // 4), last // 2, (last + 1) // 2, 3 * last // 4)
     )
-    median = np.where(count > 0, (middle + over) / 2.0, np.nan)
+    medians = np.where(count > 0, [lower, upper], np.nan).reshape(2, *window.shape)
     ranks = np.arange(int(last.max()) + 1)
     of_normal = np.maximum(2.0 * special.ndtri((3 * ranks // 4 + 0.625) / (ranks + 1.25)), 0.0)
     ranged = of_normal[last] > 0.0
-    spread, expected, number = (
-        np.where(ranged, values, 0.0).reshape(window.shape)
-        for values in (high - low, of_normal[last], count)
-    )
-    std = np.maximum(
-        *(_sum_around(spread, w) / np.maximum(_sum_around(expected, w), 1e-9) for w in (3, 5))
-    )
-    return median.reshape(window.shape), std, _sum_around(number, 5)
+    ranges = np.where(ranged, [high - low, of_normal[last], count], 0.0)
+    return medians, ranges.reshape(3, *window.shape)
+
+
+def _deviation(ranges: FloatArray, wide: int, least: float) -> tuple[FloatArray, FloatArray]:
+    """Return the standard deviation in the `wide` x `wide` cells around each, at least `least`.
+
+    And the number of heights that it is from, (ny, nx) both.
+    """
+    spread, expected, number = (_sum_around(values, wide) for values in ranges)
+    return np.maximum(spread / np.maximum(expected, 1e-9), least), number
 
 
 def _sum_around(values: FloatArray, wide: int = 3) -> FloatArray:
@@ -190,21 +214,24 @@ def _normal_limit(number: FloatArray, total: int) -> FloatArray:
 def _second_highest(level: FloatArray, east: FloatArray, north: FloatArray) -> FloatArray:
     """Return the second highest of the levels of each cell and the eight around it.
 
-    Each level is continued to the cell by the cell's slope: steps to the east and north, (ny, nx).
-    Without two levels it is minus infinity.
+    Each is continued to the cell by its own slope, metres from cell to cell, so that a summit is no
+    higher than the slopes around it let expect. All are (ny, nx); without two levels it is minus
+    infinity.
     """
-    level = np.where(np.isnan(level), -np.inf, level)
+    ny, nx = level.shape
+    planes = np.stack([np.where(np.isnan(level), -np.inf, level), east, north])
+    padded = np.pad(planes, ((0, 0), (1, 1), (1, 1)), constant_values=-np.inf)
+    padded[1:, [0, -1]] = padded[1:, :, [0, -1]] = 0.0
     first = second = np.full(level.shape, -np.inf)
-    for x, y, near in _around(level, -np.inf):
-        near = near - (x * east + y * north)
+    for y, x in product((-1, 0, 1), repeat=2):
+        z, to_east, to_north = padded[:, 1 + y : 1 + y + ny, 1 + x : 1 + x + nx]
+        near = z - (x * to_east + y * to_north)
         second = np.maximum(second, np.minimum(first, near))
         first = np.maximum(first, near)
     return second
 
 
-def _are_few(
-    far: IntArray, flat: IntArray, count: IntArray, window: CellWindow
-) -> npt.NDArray[np.bool_]:
+def _are_few(far: IntArray, flat: IntArray, count: IntArray, window: CellWindow) -> _BOOLS:
     """Return which of the cubes `far` from the surface are around places with few such points."""
     size = window.nx * window.ny
     of_all, of_far = (
@@ -213,3 +240,18 @@ def _are_few(
     )
     # Whole numbers, so that the same points several times are treated alike.
     return np.asarray((of_far * round(1.0 / LAYER_SHARE) < of_all)[flat[far]])
+
+
+def _by_chance(far: IntArray, flat: IntArray, window: CellWindow, share: float) -> _BOOLS:
+    """Return which of the cubes `far` from the surface are no more around them than chance brings.
+
+    If a `share` of all cubes is far off, wherever they are, more than that are found around any of
+    them in `_ALPHA` of surveys (Poisson).
+    """
+    size = window.nx * window.ny
+    of_all, of_far = (
+        _sum_around(np.bincount(cells, minlength=size).astype(float).reshape(window.shape)).ravel()
+        for cells in (flat, flat[far])
+    )
+    expected = np.maximum(share * of_all[flat[far]], 1e-9)
+    return np.asarray(special.pdtrc(of_far[flat[far]] - 1.0, expected) >= _ALPHA / len(flat))

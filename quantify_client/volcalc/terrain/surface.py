@@ -14,7 +14,7 @@ from shapely.geometry import MultiPolygon, Polygon
 from ...types import FloatArray, IntArray, Window
 from .base import Base
 from .coverage import fill_gaps, require_fine, require_support
-from .grid import cell_fractions, polygons_of
+from .grid import cell_parts, minmod, polygons_of, squares_around
 from .ground import Ground
 from .heights import CellHeights, cell_heights
 from .histogram import Cubes
@@ -38,6 +38,8 @@ class AreaSurface:
     heights : of the cells of a window around it.
     filled : (ny, nx) float64, the heights with gaps closed, metres.
     fraction : (ny, nx) float64, share of each cell inside the area.
+    off_middle : two of (ny, nx) float64, centroid of that part, east and north of the cell's
+        middle, in cells.
     coverage : share of the area that points support.
     rim : of the outer rings; None where no points are near.
     noise : of the heights.
@@ -49,6 +51,7 @@ class AreaSurface:
     heights: CellHeights
     filled: FloatArray
     fraction: FloatArray
+    off_middle: tuple[FloatArray, FloatArray]
     coverage: float
     rim: Rim | None
     noise: Noise
@@ -69,6 +72,32 @@ class AreaSurface:
         """(ny, nx) cells with a share in the area."""
         return np.asarray(self.fraction > 0)
 
+    def over_parts(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return means over the parts of cells inside the area, and their standard deviations.
+
+        The mean of a height over part of a cell is, to first order, that at the part's centroid:
+        as far from that of the middle as the ground rises from there to the centroid. Of the slopes
+        to either side of the cell the smaller one counts (`minmod`): the foot of a pile beside the
+        outline is no slope of the ground at it. Anything between the two is equally likely.
+
+        Parameters
+        ----------
+        values : (ny, nx), and NaN further than a cell from the area.
+        """
+        partial = self.inside & (self.fraction < 1) & np.isfinite(values)
+        mean, square = np.where(self.inside, values, np.nan), np.zeros(values.shape)
+        around = squares_around(values, partial, 1)
+        for axis, offset in zip((1, 2), self.off_middle):
+            low, middle, high = around.mean(axis=axis).T
+            before, after = middle - low, high - middle
+            before, after = (
+                np.where(np.isfinite(one), one, np.nan_to_num(other))
+                for one, other in ((before, after), (after, before))
+            )
+            mean[partial] += minmod(before, after) * offset[partial]
+            square[partial] += ((before - after) * offset[partial]) ** 2 / 12.0
+        return mean, np.sqrt(square)
+
     @cached_property
     def measured(self) -> npt.NDArray[np.bool_]:
         """(ny, nx) cells with points of their own."""
@@ -88,7 +117,9 @@ class CutFill:
     Attributes
     ----------
     ground : predicted from the ground around the area; None where too little of that is seen.
-    r : (ny, nx) height above the base, metres; NaN where nothing is measured.
+    r : (ny, nx) height above the base, metres; NaN where nothing is measured. Of a cell across
+        the outline it is that of its part inside.
+    r_std : (ny, nx) standard deviation of what that differs from the middle of the cell, metres.
     above : (ny, nx) bool, cells that count as cut.
     """
 
@@ -96,6 +127,7 @@ class CutFill:
     base: Base
     ground: Ground | None
     r: FloatArray
+    r_std: FloatArray
     above: npt.NDArray[np.bool_]
 
     @cached_property
@@ -124,7 +156,7 @@ def find_surface(
     heights = cell_heights(cubes, Window(*polygon.bounds))
     parts = polygons_of(polygon)
     require_plain_outline(parts, heights.window.cell)
-    fraction = cell_fractions(polygon, heights.window)
+    fraction, *off_middle = cell_parts(polygon, heights.window)
     require_fine(heights, fraction, cubes.factor**2)
     coverage = require_support(cubes, heights, fraction)
     reach = max(_LEAST_REACH_CELLS, round(float(_REACH * np.sqrt(fraction.sum()))))
@@ -136,5 +168,14 @@ def find_surface(
         heights.z, heights.places, heights.unplaced, filled, fraction, brief=brief
     )
     return AreaSurface(
-        polygon, parts, heights, filled, fraction, coverage, rim, noise, ground_factor
+        polygon,
+        parts,
+        heights,
+        filled,
+        fraction,
+        (off_middle[0], off_middle[1]),
+        coverage,
+        rim,
+        noise,
+        ground_factor,
     )

@@ -59,7 +59,7 @@ def tin_check(
     tin = None if rim is None else tin_integral(points, surface.polygon, rim, surface.heights)
     if rim is None or tin is None:
         return ()
-    below_m3 = float((surface.a * np.nan_to_num(volume.base.z)).sum())
+    below_m3 = float((surface.a * np.nan_to_num(surface.over_parts(volume.base.z)[0])).sum())
     check = Check(METHOD, tin.volume / factor**2 - below_m3)
     if budget is None:
         return (check,)
