@@ -41,6 +41,23 @@ def test_heights_go_straight_across(depth, ground):
         assert 1.0 < length < 4.0
 
 
+def test_around_a_corner_on_a_slope_the_ground_is_no_straight_line():
+    """Its ends are 1.4 m apart in height along a diagonal that is off the outline."""
+
+    def slope(x, y):
+        return 0.6 * (x + y)
+
+    def hole_at_the_corner(x, y):
+        return slope(x, y) - 1.0 * (np.hypot(x - 16, y - 22) < 2)
+
+    rim = rim_of(hole_at_the_corner)
+    bridged, crossings = bridge_crossings(rim)
+    assert len(crossings) == 1
+    local = LEVEL + slope(rim.x - EAST, rim.y - NORTH)
+    assert np.abs(bridged.z - local).max() < 0.3
+    assert np.average(bridged.z - local, weights=rim.length) == pytest.approx(0.0, abs=0.02)
+
+
 def test_bridged_heights_are_still_their_weights_times_the_cells():
     heights = ground_under(STRIP, channel(1.5), noise=0.01)
     rim = sample_rim(polygons_of(STRIP), heights, cell_parts(STRIP, heights.window).share)

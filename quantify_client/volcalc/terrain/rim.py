@@ -291,8 +291,10 @@ def bridge_crossings(rim: Rim) -> tuple[Rim, list[Crossing]]:
 
     An outline drawn across a gully, a ditch or a dam dips or rises sharply there, and a base
     through those heights would take away part of what is measured. Where a short stretch departs
-    from the plane of the rest far beyond its scatter, its heights are interpolated linearly
-    between its ends. Undulating ground has no such stretch: its scatter is as wide as it.
+    from the plane of the rest far beyond its scatter, it is interpolated linearly between its ends,
+    from that plane: on a slope a stretch around a corner is on no straight line. (That the plane is
+    uncertain is not in `weights`.) Undulating ground has no such stretch: its scatter is as wide as
+    it.
     """
     off, scale = _off_robust_plane(rim)
     keep = np.ones(len(off), dtype=bool)
@@ -310,7 +312,8 @@ def bridge_crossings(rim: Rim) -> tuple[Rim, list[Crossing]]:
     if keep.all() or rim.length[~keep].sum() > _LONGEST_TOGETHER * rim.length.sum():
         return rim, []
     matrix = interpolation_along(keep, rim.part)
-    return replace(rim, z=matrix @ rim.z, weights=matrix @ rim.weights), crossings
+    z = rim.z - off + matrix @ off
+    return replace(rim, z=z, weights=matrix @ rim.weights), crossings
 
 
 def _off_robust_plane(rim: Rim) -> tuple[FloatArray, float]:
