@@ -1,16 +1,20 @@
 """What a terrain result says about itself."""
 
+import math
 from types import SimpleNamespace
 
 import pytest
 
 from quantify_client.types import BudgetItem
+from quantify_client.volcalc.terrain.toe import OnPile
 from quantify_client.volcalc.terrain.warnings import Findings, warnings_of
 
 
-def said(findings=None, coverage=1.0, cut=100.0, compared=False):
+def said(findings=None, coverage=1.0, cut=100.0, compared=False, net=1.0):
     budget = [BudgetItem("survey", 30.0, 30.0, 0.0), BudgetItem("base", 2.5, 2.5, 0.0)]
-    result = SimpleNamespace(coverage=coverage, cut_m3=cut, fill_m3=0.0, budget=budget)
+    result = SimpleNamespace(
+        volume_m3=net, coverage=coverage, cut_m3=cut, fill_m3=0.0, budget=budget
+    )
     return tuple(warnings_of(result, findings or Findings(), compared=compared))
 
 
@@ -32,6 +36,24 @@ def test_a_sound_result_has_no_warning():
             "outline-crosses-ridge",
             {"height_m": 0.8, "length_m": 3.0},
             "the outline crosses a ridge of 0.8 m over 3 m",
+        ),
+        (
+            Findings(on_pile=OnPile(0.4, 0.5, 1.25)),
+            "outline-on-pile",
+            {"share": 0.4, "height_m": 0.5, "toe_m": 1.25},
+            "40% of the outline lie on the pile itself, 0.5 m off the ground: its toe is ",
+        ),
+        (
+            Findings(on_pile=OnPile(0.4, 0.5, math.nan)),
+            "outline-on-pile",
+            {"share": 0.4, "height_m": 0.5, "toe_m": None},
+            "40% of the outline lie on the pile itself, 0.5 m off the ground: its toe is out ",
+        ),
+        (
+            Findings(on_pile=OnPile(across=0.2)),
+            "outline-crosses-neighbour",
+            {"share": 0.2},
+            "20% of the outline lie on another pile, a bank or a wall",
         ),
         (
             Findings(lost_m2=1.25),
@@ -78,3 +100,10 @@ def test_nothing_advises_what_is_already_done():
 def test_the_error_of_the_base_is_weighed_against_the_volume_that_is_told():
     assert said(Findings(relief_m=0.2), cut=120.0)
     assert not said(Findings(relief_m=0.2), cut=130.0)  # 2.5 is 2 % of 125
+
+
+def test_of_pits_it_is_the_edge():
+    (notice,) = said(Findings(on_pile=OnPile(0.4, 0.5, 1.25)), net=-1.0)
+    assert notice.startswith(
+        "40% of the outline lie on the pit itself, 0.5 m off the ground: its edge"
+    )

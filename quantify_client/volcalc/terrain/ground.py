@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import sparse
+from scipy import ndimage, sparse
 from shapely.geometry import MultiPolygon, Polygon
 
 from ...types import FloatArray, IntArray
@@ -115,6 +115,11 @@ class Ground:
         """Return the predicted heights at places, all (N,), metres."""
         return np.asarray(self.lattice.shares(x, y) @ self.mean)
 
+    def variance(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Return the variances of the predicted heights at places, (N,), m2."""
+        shares = self.lattice.shares(x, y)
+        return np.asarray(shares.multiply(shares @ self.covariance).sum(axis=1)).ravel()
+
     def errors(self, x: FloatArray, y: FloatArray, weights: FloatArray) -> FloatArray:
         """Return the standard deviations (K,) of sums of predicted heights.
 
@@ -133,6 +138,7 @@ def find_ground(
     heights: CellHeights,
     fraction: FloatArray,
     around: FloatArray | None = None,
+    beyond: int = 0,
 ) -> Ground | None:
     """Return the ground under an area, or None where too little of it is seen around the area.
 
@@ -142,6 +148,7 @@ def find_ground(
     heights : of the cells of a window around it.
     fraction : (ny, nx) share of each cell inside the area.
     around : (K, 3) single points; those beyond the window count.
+    beyond : cells beyond the area over which heights are predicted, too.
     """
     known = ground_blocks(
         polygon, heights, fraction, np.empty((0, 3)) if around is None else around
@@ -149,8 +156,8 @@ def find_ground(
     if known is None:
         return None
     step = max(known.finest, float(np.sqrt(polygon.area / _SQUARES)))
-    middles = heights.window.middles(fraction > 0)
-    lattice = _Lattice.over(*middles, heights.window.cell, step)
+    covered = ndimage.distance_transform_edt(fraction <= 0) <= beyond
+    lattice = _Lattice.over(*heights.window.middles(covered), heights.window.cell, step)
     found = predict_blocks(
         known.places, known.z, known.cells, lattice.squares(), known.finest, known.extent
     )

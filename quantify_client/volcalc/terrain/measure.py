@@ -19,9 +19,13 @@ from .integrate import above_mask, integrate_slices, slab_edges
 from .rim import Crossing, bridge_crossings
 from .surface import AreaSurface, CutFill, find_surface
 from .tin import tin_check
+from .toe import NOT_ON_PILE, OnPile, outline_on_pile
 from .warnings import Findings
 
 __all__ = ["Measured", "TerrainRecipe", "measure_terrain"]
+
+#: Cells beyond the outline over which the toe of a pile is looked for: less than the margin.
+_BEYOND = 20
 
 
 @dataclass(frozen=True)
@@ -75,7 +79,9 @@ def measure_terrain(
     surface = find_surface(polygon, points.cubes, recipe.ground_factor, brief=recipe.brief)
     bases = BASES if recipe.base == "compare" else [recipe.base]
     if ground is None and isinstance(recipe.base, str):
-        ground = find_ground(polygon, surface.heights, surface.fraction, points.around)
+        ground = find_ground(
+            polygon, surface.heights, surface.fraction, points.around, beyond=_BEYOND
+        )
     return tuple(_on_base(name, base, surface, ground, points, recipe) for base in bases)
 
 
@@ -103,8 +109,17 @@ def _on_base(
         lost_m2=float(lost) * surface.cell**2,
         unsupported_rim=0.0 if base.rim is None else 1.0 - base.rim.supported,
         relief_m=0.0 if ground is None else ground.relief,
+        on_pile=_on_pile(volume, recipe),
     )
     return Measured(_result(name, volume, points, recipe), findings, ground)
+
+
+def _on_pile(volume: CutFill, recipe: TerrainRecipe) -> OnPile:
+    """Return which shares of the outline lie on the pile, for a base that is ground."""
+    if volume.ground is None or recipe.brief or not isinstance(volume.base.name, str):
+        return NOT_ON_PILE
+    net = float((volume.surface.a * np.nan_to_num(volume.r)).sum())
+    return outline_on_pile(volume.surface, volume.ground, _BEYOND, net)
 
 
 def _result(name: str, volume: CutFill, points: AreaPoints, recipe: TerrainRecipe) -> AreaResult:

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Iterator, Tuple
 
 from ...types import AreaResult, Notice
+from .toe import NOT_ON_PILE, OnPile
 
 __all__ = ["Findings", "warnings_of"]
 
 #: Above this share there is no warning about gaps.
 _FULL_SUPPORT = 0.95
+
+#: Above this share of the outline on a pile there is a warning.
+_ON_PILE = 0.05
 
 #: There is a warning where the standard deviation of the base is more than this share of cut and
 #: fill.
@@ -28,12 +33,14 @@ class Findings:
     lost_m2 : area beyond the edge of the cloud, on the ground.
     unsupported_rim : share of the outline without points near, where the base depends on it.
     relief_m : RMS of the ground's heights around the area about a plane.
+    on_pile : which shares of the outline lie on a pile.
     """
 
     crossings: Tuple[Tuple[float, float], ...] = ()
     lost_m2: float = 0.0
     unsupported_rim: float = 0.0
     relief_m: float = 0.0
+    on_pile: OnPile = NOT_ON_PILE
 
 
 def warnings_of(result: AreaResult, findings: Findings, *, compared: bool) -> Iterator[Notice]:
@@ -43,6 +50,7 @@ def warnings_of(result: AreaResult, findings: Findings, *, compared: bool) -> It
     ----------
     compared : whether the result stands beside those on other bases.
     """
+    yield from _of_piles(findings.on_pile, (result.volume_m3 or 0.0) < 0)
     yield from _of_crossings(findings, compared)
     if result.coverage is not None and result.coverage < _FULL_SUPPORT:
         yield Notice(
@@ -75,6 +83,30 @@ def warnings_of(result: AreaResult, findings: Findings, *, compared: bool) -> It
             "what lies under the area is known to that extent only; see 'base' in the error "
             f"budget, and {other}",
             relief_m=findings.relief_m,
+        )
+
+
+def _of_piles(found: OnPile, pit: bool) -> Iterator[Notice]:
+    what, end = ("pit", "edge") if pit else ("pile", "toe")
+    if found.share > _ON_PILE:
+        out_of_sight = math.isnan(found.toe)
+        far = "out of sight" if out_of_sight else f"about {found.toe:.2g} m further out"
+        yield Notice(
+            "outline-on-pile",
+            f"{found.share:.0%} of the outline lie on the {what} itself, {abs(found.height):.2g} m "
+            f"off the ground: its {end} is {far}, and what lies between is not in the volume; draw "
+            f"the outline beyond the {end}",
+            share=found.share,
+            height_m=found.height,
+            toe_m=None if out_of_sight else found.toe,
+        )
+    if found.across > _ON_PILE:
+        other = "another pit" if pit else "another pile, a bank or a wall"
+        yield Notice(
+            "outline-crosses-neighbour",
+            f"{found.across:.0%} of the outline lie on {other}, which is in the volume as far as "
+            "the outline goes; draw the outline between the two",
+            share=found.across,
         )
 
 
