@@ -11,6 +11,7 @@ the survey's.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +22,7 @@ from .grid import squares_around
 from .noise import functional_std
 from .surface import AreaSurface, CutFill
 
-__all__ = ["error_budget", "onto_measured"]
+__all__ = ["error_budget", "onto_measured", "standard_deviations"]
 
 #: Share of the step across a gap by which its mean height may be off: the standard deviation when
 #: anything between a third below and a third above the middle is equally likely (1 / sqrt(27)).
@@ -56,6 +57,15 @@ def error_budget(volume: CutFill) -> list[BudgetItem]:
         "slicing": np.array(_slicing(volume, weights > 0)),
     }
     return [BudgetItem(source, *values.tolist()) for source, values in stds.items()]
+
+
+def standard_deviations(budget: Sequence[BudgetItem]) -> tuple[float, float, float]:
+    """Return the standard deviations of net, cut and fill from a budget's items, m3."""
+    columns = ("std_m3", "cut_std_m3", "fill_std_m3")
+    net, cut, fill = (
+        float(np.sqrt(sum(getattr(item, column) ** 2 for item in budget))) for column in columns
+    )
+    return net, cut, fill
 
 
 def _shared_error(surface: AreaSurface, std: float) -> float:

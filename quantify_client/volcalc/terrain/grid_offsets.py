@@ -7,6 +7,7 @@ that error, and the mean over four has a fifth of it. Large areas need none of t
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Sequence, Tuple, Union
 
@@ -15,8 +16,9 @@ from shapely import affinity
 from shapely.geometry import MultiPolygon, Polygon
 
 from ...errors import SupportError
-from ...types import AreaResult, Check, Window
+from ...types import AreaResult, BudgetItem, Check, FloatArray, Window
 from .accumulate import AreaPoints
+from .budget import standard_deviations
 from .heights import fit_cells
 from .measure import Measured, TerrainRecipe, measure_terrain
 from .outlying import mark_outliers
@@ -36,9 +38,9 @@ def measure_area(
 ) -> AreaResult:
     """Return the result of one area: see :func:`measure_terrain`.
 
-    Volumes and checks are the means over the grid offsets; everything else is that of the first
-    offset, and all of them use the ground that was predicted for it. The warnings are made of these
-    numbers.
+    Volumes and checks are the means over the grid offsets, and their scatter is in the budget;
+    everything else is that of the first offset, and all use the ground that was predicted for it.
+    The warnings are made of these numbers.
     """
     bounds = Window(*polygon.bounds)
     points = replace(points, cubes=mark_outliers(fit_cells(points.cubes, bounds), bounds))
@@ -73,22 +75,51 @@ def _combined(offsets: Sequence[Sequence[Measured]]) -> AreaResult:
 
 
 def _mean(results: Sequence[AreaResult]) -> AreaResult:
-    """Return the first result with the mean volumes of all."""
+    """Return the first result with the mean volumes of all.
+
+    How far these differ is how much the place of the cells decides: the standard error of the mean
+    is in *slicing*.
+    """
     first = results[0]
     if len(results) == 1:
         return first
-    cut = float(np.mean([r.cut_m3 or 0.0 for r in results]))
-    fill = float(np.mean([r.fill_m3 or 0.0 for r in results]))
+    sides = np.array([[r.cut_m3 or 0.0, r.fill_m3 or 0.0] for r in results])
+    cut, fill = sides.mean(axis=0).tolist()
+    each = np.column_stack([sides[:, 0] - sides[:, 1], sides])
+    budget = _with_slicing(first.budget, each.std(axis=0, ddof=1) / np.sqrt(len(results)))
+    std, cut_std, fill_std = standard_deviations(budget)
     return replace(
         first,
         volume_m3=cut - fill,
         cut_m3=cut,
         fill_m3=fill,
+        std_m3=std,
+        cut_std_m3=cut_std,
+        fill_std_m3=fill_std,
+        budget=budget,
         slices=tuple(
             replace(piece, volume_m3=_scaled(piece.volume_m3, first, cut, fill))
             for piece in first.slices
         ),
         checks=_mean_checks([r.checks for r in results]) if first.checks else (),
+    )
+
+
+def _with_slicing(
+    budget: Sequence[BudgetItem] | None, errors: FloatArray
+) -> Tuple[BudgetItem, ...]:
+    """Return the budget with errors of net, cut and fill added to *slicing*, in squares."""
+    net, cut, fill = errors.tolist()
+    return tuple(
+        replace(
+            item,
+            std_m3=math.hypot(item.std_m3, net),
+            cut_std_m3=math.hypot(item.cut_std_m3 or 0.0, cut),
+            fill_std_m3=math.hypot(item.fill_std_m3 or 0.0, fill),
+        )
+        if item.source == "slicing"
+        else item
+        for item in budget or ()
     )
 
 

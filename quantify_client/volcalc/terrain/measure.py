@@ -13,7 +13,7 @@ from ...options import DEFAULT_BASE
 from ...types import AreaResult, Relief
 from .accumulate import AreaPoints
 from .base import BASES, make_base
-from .budget import error_budget
+from .budget import error_budget, standard_deviations
 from .ground import Ground, find_ground
 from .integrate import above_mask, integrate_slices, slab_edges
 from .rim import Crossing, bridge_crossings
@@ -131,10 +131,7 @@ def _result(name: str, volume: CutFill, points: AreaPoints, recipe: TerrainRecip
     each = surface.a * np.nan_to_num(volume.r)
     cut, fill = float(each[cut_cells].sum()), -float(each[fill_cells].sum())
     budget = [] if recipe.brief else error_budget(volume)
-    std, cut_std, fill_std = (
-        float(np.sqrt(sum(getattr(item, column) ** 2 for item in budget)))
-        for column in ("std_m3", "cut_std_m3", "fill_std_m3")
-    )
+    std, cut_std, fill_std = standard_deviations(budget)
     edges = slab_edges(float(r.min()), float(r.max()), recipe.slices, recipe.slice_height)
     even = np.allclose(np.diff(edges), edges[1] - edges[0], rtol=1e-6)
     elevation = surface.filled[inside & np.isfinite(surface.filled)]
