@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,6 +12,7 @@ from hypothesis import strategies as st
 from quantify_client.types import Window
 from quantify_client.volcalc.terrain.accumulate import TerrainAccumulator
 from quantify_client.volcalc.terrain.coverage import fill_gaps, support
+from quantify_client.volcalc.terrain.grid import CellWindow
 from quantify_client.volcalc.terrain.heights import MARGIN, cell_heights, fit_cells
 
 from .grounds import EAST, LEVEL, NORTH
@@ -42,6 +45,46 @@ def test_cells_hold_about_four_points_or_more():
         heights = heights_of(x[some], y[some], np.zeros(90_000 // share))
         assert heights.window.cell == pytest.approx(cell)
         assert heights.count[core(heights)].mean() == pytest.approx(100 / share * cell**2, rel=0.05)
+
+
+def first_size_that_holds_enough(places, along):
+    """The rule of docs/method.md, cell by cell: cubes along a side of a cell, merged ones too.
+
+    The first size of less than eight cells along the area is the last one.
+    """
+    merges = [(factor, times) for times in range(8) for factor in (8, 10)]
+    for factor, times in [(2, 0), (4, 0), (5, 0), *merges]:
+        merged = {(column >> times, row >> times) for column, row in places}
+        held = Counter((column // factor, row // factor) for column, row in merged)
+        inner = [
+            count
+            for (column, row), count in held.items()
+            if all((column + i, row + j) in held for i in (-1, 0, 1) for j in (-1, 0, 1))
+        ]
+        typical = inner if len(inner) > max(4, 0.02 * len(held)) else list(held.values())
+        parts = factor**2
+        enough = np.mean(typical) >= parts * (1 - (1 - 1 / parts) ** 4.5)
+        if enough or factor * 2**times > along / 8:
+            return factor * 2**times
+    raise AssertionError("no size holds enough")
+
+
+@pytest.mark.parametrize(
+    "count", [300, 700, 1_500, 3_000, 6_000, 11_000, 20_000, 35_000, 60_000, 90_000]
+)
+@pytest.mark.parametrize("seen", ["all", "half", "strips"])
+def test_cells_are_the_smallest_of_which_typical_ones_hold_enough(count, seen):
+    x, y = random_places(count, seed=count)
+    part = {"all": x > -1, "half": x < 13.3, "strips": np.floor(x / 0.8) % 3 < 2}[seen]
+    x, y = x[part], y[part]
+    accumulator = TerrainAccumulator([SITE])
+    accumulator.absorb(accumulator.reduce(EAST + x, NORTH + y, np.full(len(x), LEVEL)))
+    before = accumulator.points_of(0).cubes
+    fitted = fit_cells(before, CORE)
+    inside = CellWindow.around(CORE, before.cell, 0).holds(before.row, before.column)
+    places = set(zip(before.column[inside].tolist(), before.row[inside].tolist()))
+    expected = first_size_that_holds_enough(places, 20 / before.cell)
+    assert fitted.factor * fitted.cell == pytest.approx(expected * before.cell)
 
 
 @pytest.mark.parametrize("times", [2, 3, 4, 10])
@@ -250,6 +293,10 @@ def test_heights_are_those_of_the_middles_of_cells_wherever_their_points_lie():
     window = heights.window
     known = np.isfinite(heights.z) & (heights.unplaced < 1 / 12)
     assert known[core(heights)].mean() > 0.9
+    # Known to a cube of the smallest size, 20 m / 1600, or of a merged one: uniform within it.
+    cubes = np.sqrt(1 / (12 * heights.unplaced[known]))
+    assert np.unique(cubes.round(9)).tolist() in ([4.0], [5.0], [8.0], [10.0])
+    assert heights.unplaced[~known] == pytest.approx(1 / 12)
     middle_x, middle_y = window.middles(known)  # counted from the corner of the site, at (5, 5)
     off = heights.z[known] - (LEVEL + 0.6 * (middle_x + 5) - 0.4 * (middle_y + 5))
     # The means themselves are off by the slope times cell / sqrt(12 n).
