@@ -36,7 +36,7 @@ def test_heights_go_straight_across(depth, ground):
     assert np.abs(rim.z - local).max() > 0.6
     assert np.abs(bridged.z - local).max() < 0.15
     assert len(crossings) == 2
-    for height, length in crossings:
+    for height, length, _ in crossings:
         assert -height / depth == pytest.approx(0.7, abs=0.25)  # of a channel that is rounded off
         assert 1.0 < length < 4.0
 

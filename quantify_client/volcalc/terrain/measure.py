@@ -16,10 +16,10 @@ from .base import BASES, make_base
 from .budget import error_budget, standard_deviations
 from .ground import Ground, find_ground
 from .integrate import above_mask, integrate_slices, slab_edges
-from .rim import Crossing, bridge_crossings
+from .rim import Crossing, Rim, bridge_crossings
 from .surface import AreaSurface, CutFill, find_surface
 from .tin import tin_check
-from .toe import NOT_ON_PILE, OnPile, outline_on_pile
+from .toe import NOT_ON_PILE, OnPile, off_ground, outline_on_pile
 from .warnings import Findings
 
 __all__ = ["Measured", "TerrainRecipe", "measure_terrain"]
@@ -97,7 +97,7 @@ def _on_base(
     rim = surface.rim
     crossings: list[Crossing] = []
     if base_name == "triangulate" and rim is not None:
-        rim, crossings = bridge_crossings(rim)
+        rim, crossings = _bridged(surface, rim, ground)
     # One cell more all around, for slopes at the outline.
     covered = ndimage.binary_dilation(surface.inside, np.ones((3, 3)))
     base = make_base(base_name, rim, surface.parts, surface.heights.window, covered, ground)
@@ -105,13 +105,25 @@ def _on_base(
     volume = CutFill(surface, base, ground, r, r_std, above_mask(r, surface.a, surface.noise.cell))
     lost = surface.fraction[surface.inside & ~np.isfinite(surface.filled)].sum()
     findings = Findings(
-        crossings=tuple((height, length / recipe.ground_factor) for height, length in crossings),
+        crossings=tuple((one.height, one.length / recipe.ground_factor) for one in crossings),
         lost_m2=float(lost) * surface.cell**2,
         unsupported_rim=0.0 if base.rim is None else 1.0 - base.rim.supported,
         relief_m=0.0 if ground is None else ground.relief,
         on_pile=_on_pile(volume, recipe),
     )
     return Measured(_result(name, volume, points, recipe), findings, ground)
+
+
+def _bridged(surface: AreaSurface, rim: Rim, ground: Ground | None) -> tuple[Rim, list[Crossing]]:
+    """Return the rim bridged, and where the outline itself crosses a channel or a ridge.
+
+    The flank of a neighbour beside the outline is bridged as well, and is no crossing.
+    """
+    bridged, crossings = bridge_crossings(rim)
+    if crossings and ground is not None:
+        off = off_ground(surface, rim, ground)
+        crossings = [one for one in crossings if 2 * off[one.points].sum() > len(one.points)]
+    return bridged, crossings
 
 
 def _on_pile(volume: CutFill, recipe: TerrainRecipe) -> OnPile:

@@ -97,10 +97,14 @@ class Rim:
 
 
 class Crossing(NamedTuple):
-    """A stretch of the outline across a channel (negative height) or a ridge, metres."""
+    """A stretch of the outline across a channel (negative height) or a ridge, metres.
+
+    `points` are the numbers of its rim points.
+    """
 
     height: float
     length: float
+    points: IntArray
 
 
 def sample_rim(parts: Sequence[Polygon], heights: CellHeights, fraction: FloatArray) -> Rim | None:
@@ -308,7 +312,7 @@ def bridge_crossings(rim: Rim) -> tuple[Rim, list[Crossing]]:
             height = float(off[stretch][np.argmax(np.abs(off[stretch]))])
             if abs(height) >= 2 * _DEPARTURE * scale and length <= _LONGEST * whole:
                 keep[stretch] = False
-                crossings.append(Crossing(height, length))
+                crossings.append(Crossing(height, length, stretch))
     if keep.all() or rim.length[~keep].sum() > _LONGEST_TOGETHER * rim.length.sum():
         return rim, []
     matrix = interpolation_along(keep, rim.part)

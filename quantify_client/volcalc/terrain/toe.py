@@ -18,7 +18,7 @@ from .ground import Ground
 from .rim import Rim
 from .surface import AreaSurface
 
-__all__ = ["NOT_ON_PILE", "OnPile", "outline_on_pile"]
+__all__ = ["NOT_ON_PILE", "OnPile", "off_ground", "outline_on_pile"]
 
 #: Heights above the ground count beyond so many standard deviations of what is known of it.
 _SURE = 3.0
@@ -62,13 +62,17 @@ def outline_on_pile(surface: AreaSurface, ground: Ground, reach: int, net: float
     rim = surface.rim
     if rim is None:
         return NOT_ON_PILE
-    above = _outwards(surface, rim, ground, reach) * (1.0 if net >= 0 else -1.0)
-    limit = _SURE * np.sqrt(ground.variance(rim.x, rim.y) + ground.unshared + ground.relief**2)
+    sign = 1.0 if net >= 0 else -1.0
+    above = _outwards(surface, rim, ground, reach) * sign
+    limit = _limit(rim, ground)
     # The first cell beyond the one that the outline cuts.
     on = above[:, 1] > limit
+    goes_on = on & _goes_on(surface, rim, ground, reach, sign)
+    if 2.0 * rim.length[goes_on].sum() < rim.length.sum():
+        on &= ~goes_on
     if not on.any():
         return NOT_ON_PILE
-    above, limit, length = above[on, 1:], limit[on], rim.length[on]
+    at_outline, above, limit, length = above[on, 0], above[on, 1:], limit[on], rim.length[on]
     # Down to the limit, between two cells, or to where nothing is seen.
     ended = ~(above > limit[:, None])
     steps = np.where(ended.any(axis=1), ended.argmax(axis=1), above.shape[1])
@@ -77,9 +81,11 @@ def outline_on_pile(surface: AreaSurface, ground: Ground, reach: int, net: float
     last = np.take_along_axis(above, steps[:, None] - 1, axis=1)[:, 0]
     end = np.take_along_axis(above, np.minimum(steps, above.shape[1] - 1)[:, None], axis=1)[:, 0]
     at_toe = (steps < above.shape[1]) & np.isfinite(end)
-    rises = highest > _RISE * above[:, 0] + limit
-    # What stays as high is a channel or a dam that goes on.
-    falls = ~rises & (at_toe | (last < above[:, 0] - limit))
+    # Its foot is inside of the outline by a cell, else it may be beside it.
+    inside = 2.0 * at_outline > above[:, 0]
+    rises = (highest > _RISE * above[:, 0] + limit) & inside
+    # What stays as high has no toe.
+    falls = (highest <= _RISE * above[:, 0] + limit) & (at_toe | (last < above[:, 0] - limit))
     whole = float(rim.length.sum())
     share, across = (float(length[some].sum()) / whole for some in (falls, rises))
     if not falls.any():
@@ -87,6 +93,41 @@ def outline_on_pile(surface: AreaSurface, ground: Ground, reach: int, net: float
     far = float(np.median(np.where(at_toe, (steps + 0.5) * surface.cell, np.inf)[falls]))
     height = float(np.median(above[falls, 0]))
     return OnPile(share, height, far if np.isfinite(far) else np.nan, across)
+
+
+def _goes_on(
+    surface: AreaSurface, rim: Rim, ground: Ground, reach: int, sign: float
+) -> npt.NDArray[np.bool_]:
+    """Return beside which rim points (M,) something goes on for `reach` cells: a channel, a dam.
+
+    Or as far as the cloud goes, and however it winds: what is off the ground is followed from cell
+    to cell.
+    """
+    window = surface.heights.window
+    away = ndimage.distance_transform_edt(~surface.inside)
+    outside = (away > 0) & (away <= reach)
+    over = np.full(window.shape, np.nan)
+    over[outside] = surface.heights.z[outside] - ground.heights(*window.middles(outside))
+    label, _ = ndimage.label(sign * over > float(np.median(_limit(rim, ground))), np.ones((3, 3)))
+    unseen = ndimage.binary_opening(outside & ~np.isfinite(over), np.ones((3, 3)))
+    last = (away > reach - 1.5) | ndimage.binary_dilation(unseen, np.ones((7, 7)))
+    far = (label > 0) & np.isin(label, label[last])
+    column, row = (np.floor(v).astype(np.int64) for v in window.in_cells(rim.x, rim.y))
+    return np.asarray(ndimage.binary_dilation(far, np.ones((3, 3)), iterations=2)[row, column])
+
+
+def off_ground(surface: AreaSurface, rim: Rim, ground: Ground) -> npt.NDArray[np.bool_]:
+    """Return at which rim points (M,) the terrain is above or below the ground, where it is seen.
+
+    Rim heights are from cells outside of the outline; what is near it need not be on it.
+    """
+    return np.asarray(np.abs(_outwards(surface, rim, ground, 0)[:, 0]) > _limit(rim, ground))
+
+
+def _limit(rim: Rim, ground: Ground) -> FloatArray:
+    """Return how far off the ground the terrain at rim points (M,) may be by chance, metres."""
+    variance = ground.variance(rim.x, rim.y) + ground.unshared + ground.relief**2
+    return np.asarray(_SURE * np.sqrt(variance))
 
 
 def _outwards(surface: AreaSurface, rim: Rim, ground: Ground, reach: int) -> FloatArray:
