@@ -16,6 +16,9 @@ from solids import cup, sphere
 
 from quantify_client import measure
 
+#: Whole commands: what they are made of is tested on the second Python as well.
+pytestmark = pytest.mark.one_python
+
 BALL = math.pi / 6.0
 
 

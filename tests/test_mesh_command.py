@@ -14,6 +14,9 @@ from commands import only, texts
 from meshes import UTM, cube, joined, reversed_, soup, torus, torus_volume, write_mesh
 from solids import sphere
 
+#: Whole commands: what they are made of is tested on the second Python as well.
+pytestmark = pytest.mark.one_python
+
 FOOT = 0.3048
 VOLUME = torus_volume(60, 40)
 BALL = sphere()

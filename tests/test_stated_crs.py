@@ -22,6 +22,9 @@ from quantify_client.crs.geokeys import statement_of_geokeys
 from quantify_client.crs.statements import Statement, merge_statements
 from quantify_client.errors import CrsError, UsageError
 
+#: Whole commands: what they are made of is tested on the second Python as well.
+pytestmark = pytest.mark.one_python
+
 UTM_WKT = pyproj.CRS(26915).to_wkt("WKT1_GDAL")
 GEOID = (
     'COMPD_CS["South Dakota South / Geoid 2012A",'

@@ -14,6 +14,9 @@ from terrains import Errors, survey
 
 from quantify_client.crs import label
 
+#: Whole commands: what they are made of is tested on the second Python as well.
+pytestmark = pytest.mark.one_python
+
 GEOGCS = (
     'GEOGCS["GCS_Not_specified",DATUM["D_Not_specified",SPHEROID["GRS_1980",6378137.0,'
     '298.257222101]],PRIMEM["Greenwich",0.0],UNIT["Degree",0.0174532925199433]]'

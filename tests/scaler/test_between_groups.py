@@ -12,6 +12,9 @@ from networks import survey
 from quantify_client.errors import ControlError
 from quantify_client.scaler.adjustment.fit import ScaleFit, fit
 
+#: Whole commands: what they are made of is tested on the second Python as well.
+pytestmark = pytest.mark.one_python
+
 
 def lengthened(factor: float, **options: float) -> Tuple[ScaleFit, float]:
     made = survey(2, **options)
