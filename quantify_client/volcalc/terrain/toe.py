@@ -23,6 +23,10 @@ __all__ = ["NOT_ON_PILE", "OnPile", "off_ground", "outline_on_pile"]
 #: Heights above the ground count beyond so many standard deviations of what is known of it.
 _SURE = 3.0
 
+#: Mean height of a cell in whose middle a straight flank ends, over that of the cell before it: the
+#: triangle over half a cell, 1/8. More is a toe further out.
+_TOE_BEYOND = 1.0 / 8.0
+
 #: What goes up by a quarter of its height is something else; a dam that goes on does not.
 _RISE = 1.25
 
@@ -65,8 +69,8 @@ def outline_on_pile(surface: AreaSurface, ground: Ground, reach: int, net: float
     sign = 1.0 if net >= 0 else -1.0
     above = _outwards(surface, rim, ground, reach) * sign
     limit = _limit(rim, ground)
-    # The first cell beyond the one that the outline cuts.
-    on = above[:, 1] > limit
+    # The first cell beyond the one that the outline cuts, and not by the toe being in it.
+    on = above[:, 1] > np.maximum(limit, _TOE_BEYOND * above[:, 0])
     goes_on = on & _goes_on(surface, rim, ground, reach, sign)
     if 2.0 * rim.length[goes_on].sum() < rim.length.sum():
         on &= ~goes_on
