@@ -13,7 +13,7 @@ from quantify_client.volcalc.terrain.warnings import Findings, warnings_of
 def said(findings=None, coverage=1.0, cut=100.0, compared=False, net=1.0):
     budget = [BudgetItem("survey", 30.0, 30.0, 0.0), BudgetItem("base", 2.5, 2.5, 0.0)]
     result = SimpleNamespace(
-        volume_m3=net, coverage=coverage, cut_m3=cut, fill_m3=0.0, budget=budget
+        volume_m3=net, std_m3=30.0, coverage=coverage, cut_m3=cut, fill_m3=0.0, budget=budget
     )
     return tuple(warnings_of(result, findings or Findings(), compared=compared))
 
@@ -38,13 +38,13 @@ def test_a_sound_result_has_no_warning():
             "the outline crosses a ridge of 0.8 m over 3 m",
         ),
         (
-            Findings(on_pile=OnPile(0.4, 0.5, 1.25)),
+            Findings(on_pile=OnPile(0.4, 0.5, 1.25, beyond=31.0)),
             "outline-on-pile",
             {"share": 0.4, "height_m": 0.5, "toe_m": 1.25},
             "40% of the outline lie on the pile itself, 0.5 m off the ground: its toe is ",
         ),
         (
-            Findings(on_pile=OnPile(0.4, 0.5, math.nan)),
+            Findings(on_pile=OnPile(0.4, 0.5, math.nan, beyond=31.0)),
             "outline-on-pile",
             {"share": 0.4, "height_m": 0.5, "toe_m": None},
             "40% of the outline lie on the pile itself, 0.5 m off the ground: its toe is out ",
@@ -102,8 +102,12 @@ def test_the_error_of_the_base_is_weighed_against_the_volume_that_is_told():
     assert not said(Findings(relief_m=0.2), cut=130.0)  # 2.5 is 2 % of 125
 
 
+def test_a_toe_that_leaves_out_less_than_the_uncertainty_is_not_told():
+    assert said(Findings(on_pile=OnPile(0.4, 0.5, 1.25, beyond=29.0)), cut=130.0) == ()
+
+
 def test_of_pits_it_is_the_edge():
-    (notice,) = said(Findings(on_pile=OnPile(0.4, 0.5, 1.25)), net=-1.0)
+    (notice,) = said(Findings(on_pile=OnPile(0.4, 0.5, 1.25, beyond=31.0)), net=-1.0)
     assert notice.startswith(
         "40% of the outline lie on the pit itself, 0.5 m off the ground: its edge"
     )

@@ -49,7 +49,7 @@ def test_the_toe_is_as_far_out_as_the_outline_is_inside_of_it(inside, sign):
     assert found["outline-on-pile"]["share"] > 0.7
     assert found["outline-on-pile"]["toe_m"] == pytest.approx(inside, abs=0.9)
     expected = 0.5 * max(inside - 0.8, 0.0)
-    assert sign * found["outline-on-pile"]["height_m"] == pytest.approx(sign * expected, abs=0.1)
+    assert sign * found["outline-on-pile"]["height_m"] == pytest.approx(sign * expected, abs=0.12)
 
 
 @pytest.mark.parametrize("base", ["kriged", "triangulate", "plane", LEVEL])

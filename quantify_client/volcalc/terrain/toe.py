@@ -23,10 +23,6 @@ __all__ = ["NOT_ON_PILE", "OnPile", "off_ground", "outline_on_pile"]
 #: Heights above the ground count beyond so many standard deviations of what is known of it.
 _SURE = 3.0
 
-#: Mean height of a cell in whose middle a straight flank ends, over that of the cell before it: the
-#: triangle over half a cell, 1/8. More is a toe further out.
-_TOE_BEYOND = 1.0 / 8.0
-
 #: What goes up by a quarter of its height is something else; a dam that goes on does not.
 _RISE = 1.25
 
@@ -44,12 +40,15 @@ class OnPile(NamedTuple):
     height : of the terrain over the ground there, median, metres.
     toe : distance from the outline to the toe, median, metres; NaN where it is out of sight.
     across : share of the outline on what goes up outwards: another pile, a wall, a bank.
+    beyond : volume between the outline and the toe, if the flank is straight, or as far as it is
+        seen, m3.
     """
 
     share: float = 0.0
     height: float = 0.0
     toe: float = 0.0
     across: float = 0.0
+    beyond: float = 0.0
 
 
 NOT_ON_PILE = OnPile()
@@ -69,8 +68,8 @@ def outline_on_pile(surface: AreaSurface, ground: Ground, reach: int, net: float
     sign = 1.0 if net >= 0 else -1.0
     above = _outwards(surface, rim, ground, reach) * sign
     limit = _limit(rim, ground)
-    # The first cell beyond the one that the outline cuts, and not by the toe being in it.
-    on = above[:, 1] > np.maximum(limit, _TOE_BEYOND * above[:, 0])
+    # The first cell beyond the one that the outline cuts.
+    on = above[:, 1] > limit
     goes_on = on & _goes_on(surface, rim, ground, reach, sign)
     if 2.0 * rim.length[goes_on].sum() < rim.length.sum():
         on &= ~goes_on
@@ -94,9 +93,11 @@ def outline_on_pile(surface: AreaSurface, ground: Ground, reach: int, net: float
     share, across = (float(length[some].sum()) / whole for some in (falls, rises))
     if not falls.any():
         return OnPile(across=across)
-    far = float(np.median(np.where(at_toe, (steps + 0.5) * surface.cell, np.inf)[falls]))
+    way = (steps + 0.5) * surface.cell
+    beyond = float((length * way * above[:, 0])[falls].sum()) / (2.0 * surface.ground_factor)
+    far = float(np.median(np.where(at_toe, way, np.inf)[falls]))
     height = float(np.median(above[falls, 0]))
-    return OnPile(share, height, far if np.isfinite(far) else np.nan, across)
+    return OnPile(share, height, far if np.isfinite(far) else np.nan, across, beyond)
 
 
 def _goes_on(

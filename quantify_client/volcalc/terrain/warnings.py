@@ -14,7 +14,7 @@ __all__ = ["Findings", "warnings_of"]
 #: Above this share there is no warning about gaps.
 _FULL_SUPPORT = 0.95
 
-#: Above this share of the outline on a pile there is a warning.
+#: Above this share of the outline on another pile there is a warning.
 _ON_PILE = 0.05
 
 #: There is a warning where the standard deviation of the base is more than this share of cut and
@@ -50,7 +50,7 @@ def warnings_of(result: AreaResult, findings: Findings, *, compared: bool) -> It
     ----------
     compared : whether the result stands beside those on other bases.
     """
-    yield from _of_piles(findings.on_pile, (result.volume_m3 or 0.0) < 0)
+    yield from _of_piles(findings.on_pile, (result.volume_m3 or 0.0) < 0, result.std_m3 or 0.0)
     yield from _of_crossings(findings, compared)
     if result.coverage is not None and result.coverage < _FULL_SUPPORT:
         yield Notice(
@@ -86,9 +86,10 @@ def warnings_of(result: AreaResult, findings: Findings, *, compared: bool) -> It
         )
 
 
-def _of_piles(found: OnPile, pit: bool) -> Iterator[Notice]:
+def _of_piles(found: OnPile, pit: bool, std: float) -> Iterator[Notice]:
+    """Yield that the outline is on a pile, if that is more than the volume is uncertain by."""
     what, end = ("pit", "edge") if pit else ("pile", "toe")
-    if found.share > _ON_PILE:
+    if found.beyond > std:
         out_of_sight = math.isnan(found.toe)
         far = "out of sight" if out_of_sight else f"about {found.toe:.2g} m further out"
         yield Notice(
