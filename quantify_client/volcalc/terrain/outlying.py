@@ -233,13 +233,9 @@ def _second_highest(level: FloatArray, east: FloatArray, north: FloatArray) -> F
 
 def _are_few(far: IntArray, flat: IntArray, count: IntArray, window: CellWindow) -> _BOOLS:
     """Return which of the cubes `far` from the surface are around places with few such points."""
-    size = window.nx * window.ny
-    of_all, of_far = (
-        _sum_around(np.bincount(cells, weight, size).astype(float).reshape(window.shape)).ravel()
-        for cells, weight in ((flat, count), (flat[far], count[far]))
-    )
+    of_all, of_far = _around_each(far, flat, count, window)
     # Whole numbers, so that the same points several times are treated alike.
-    return np.asarray((of_far * round(1.0 / LAYER_SHARE) < of_all)[flat[far]])
+    return np.asarray(of_far * round(1.0 / LAYER_SHARE) < of_all)
 
 
 def _by_chance(far: IntArray, flat: IntArray, window: CellWindow, share: float) -> _BOOLS:
@@ -248,10 +244,18 @@ def _by_chance(far: IntArray, flat: IntArray, window: CellWindow, share: float) 
     If a `share` of all cubes is far off, wherever they are, more than that are found around any of
     them in `_ALPHA` of surveys (Poisson).
     """
+    of_all, of_far = _around_each(far, flat, np.ones_like(flat), window)
+    chance = special.pdtrc(of_far - 1.0, np.maximum(share * of_all, 1e-9))
+    return np.asarray(chance >= _ALPHA / len(flat))
+
+
+def _around_each(
+    far: IntArray, flat: IntArray, count: IntArray, window: CellWindow
+) -> tuple[FloatArray, FloatArray]:
+    """Return the points in the 3 x 3 cells around each cube of `far`, all and those far off."""
     size = window.nx * window.ny
     of_all, of_far = (
-        _sum_around(np.bincount(cells, minlength=size).astype(float).reshape(window.shape)).ravel()
-        for cells in (flat, flat[far])
+        _sum_around(np.bincount(cells, weight, size).astype(float).reshape(window.shape)).ravel()
+        for cells, weight in ((flat, count), (flat[far], count[far]))
     )
-    expected = np.maximum(share * of_all[flat[far]], 1e-9)
-    return np.asarray(special.pdtrc(of_far[flat[far]] - 1.0, expected) >= _ALPHA / len(flat))
+    return of_all[flat[far]], of_far[flat[far]]
