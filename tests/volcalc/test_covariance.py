@@ -113,6 +113,15 @@ def test_a_plane_is_predicted_without_error():
     assert np.abs(found.covariance).max() < 1e-15
 
 
+def test_errors_of_some_are_those_of_all():
+    known, z, n = ring()
+    wanted = squares([0.0, 3.0, -2.0], [0.0, 1.0, 4.0], 2.0)
+    every = predict_blocks(known, z, n, wanted, 1.5, 28.0)
+    some = predict_blocks(known, z, n, wanted, 1.5, 28.0, joint=2)
+    np.testing.assert_allclose(some.mean, every.mean, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(some.covariance, every.covariance[:2, :2], rtol=1e-9)
+
+
 def test_the_place_and_the_level_change_nothing():
     known, z, n = ring()
     wanted = squares([0.0, 3.0], [0.0, -2.0], 2.0)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import ndimage
 from shapely.geometry import MultiPolygon, Point, Polygon, box
 
 from quantify_client.volcalc.terrain.grid import cell_parts
 from quantify_client.volcalc.terrain.ground import find_ground
 from quantify_client.volcalc.terrain.ground_blocks import block_size, ground_blocks
 
-from .grounds import LEVEL, at_site, centres, ground_under
+from .grounds import EAST, LEVEL, NORTH, at_site, centres, ground_under
 
 ROUND = at_site(Point(12, 12).buffer(5))
 NONE = np.empty((0, 3))
@@ -64,6 +65,20 @@ def test_the_error_of_the_mean_is_within_what_is_said_of_it():
     assert abs(np.average(error, weights=share)) < 3 * std
     assert 0.0005 < std < 0.03
     assert 0.03 < ground.relief < 0.08  # a sixth of the waves' range, less what a plane takes
+
+
+def test_the_ground_goes_on_beyond_the_area():
+    heights = ground_under(ROUND, on(waves, (12, 12, 6.5, 3.0)))
+    fraction = cell_parts(ROUND, heights.window).share
+    ground = find_ground(ROUND, heights, fraction, beyond=12)
+    away = ndimage.distance_transform_edt(fraction <= 0)
+    for of, middles in (
+        (ground.heights, heights.window.middles(away <= 2)),
+        (ground.heights_beyond, heights.window.middles(away <= 12)),
+    ):
+        error = of(*middles) - LEVEL - waves(middles[0] - EAST, middles[1] - NORTH)
+        assert np.abs(error).max() < 0.1
+        assert np.sqrt(np.mean(error**2)) < 0.03
 
 
 def test_other_piles_and_pits_near_the_area_are_left_out():

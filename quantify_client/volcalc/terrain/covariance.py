@@ -76,8 +76,8 @@ class Prediction:
     Attributes
     ----------
     mean : (T,) metres.
-    covariance : (T, T) of their errors, m2. unshared : variance of what is white, in each cell:
-        noise, and all that is finer than the blocks, m2.
+    covariance : (K, K) of the errors of the first K, m2. unshared : variance of what is white, in
+        each cell: noise, and all that is finer than the blocks, m2.
     """
 
     mean: FloatArray
@@ -141,7 +141,13 @@ def block_covariance(blocks: Blocks, smoothness: float, length: float) -> FloatA
 
 
 def predict_blocks(
-    known: Blocks, z: FloatArray, n: FloatArray, wanted: Blocks, finest: float, extent: float
+    known: Blocks,
+    z: FloatArray,
+    n: FloatArray,
+    wanted: Blocks,
+    finest: float,
+    extent: float,
+    joint: int | None = None,
 ) -> Prediction:
     """Return the mean heights of blocks from those of others, averaged over all likely covariances.
 
@@ -153,18 +159,19 @@ def predict_blocks(
     wanted : T blocks.
     finest : side of the finest blocks, metres.
     extent : distance over which there are data, metres.
+    joint : covariances are wanted of so many, the first: of all by default.
     """
     root, level = np.sqrt(n), float(z.mean())
     centre = known.x.mean(), known.y.mean()
-    plane = _plane_terms(known, centre, extent) * root[:, None]
-    q, r = np.linalg.qr(plane, mode="complete")
+    q, r = np.linalg.qr(_plane_terms(known, centre, extent) * root[:, None], mode="complete")
     on_plane, contrasts = q[:, :3], q[:, 3:]
     weighted = (z - level) * root
     # The plane through the blocks, and what it gives at the wanted ones: coefficients (T, 3).
     through = np.linalg.solve(r[:3].T, _plane_terms(wanted, centre, extent).T).T
     trend = through @ (on_plane.T @ weighted)
     means, weights, unshared = [], [], 0.0
-    covariance = np.zeros((len(wanted.x), len(wanted.x)))
+    first = Blocks(*(values[:joint] for values in wanted))
+    covariance = np.zeros((len(first.x), len(first.x)))
     squares = np.sqrt(wanted.squares_to(known))
     lengths = np.geomspace(_SHORTEST * finest, max(_LONGEST * extent, finest), _RANGES)
     for model in _likely_models(known, root, contrasts, contrasts.T @ weighted, lengths):
@@ -174,16 +181,17 @@ def predict_blocks(
         share = (cross - through @ (on_plane.T @ model.white)) @ contrasts @ model.turn
         means.append(trend[:, None] + share @ (model.values[:, None] / model.total))
         weights.append(model.weight)
-        error = block_covariance(wanted, model.smoothness, model.length)
-        along = cross @ on_plane @ through.T
-        error += through @ (on_plane.T @ model.white @ on_plane) @ through.T - along - along.T
+        cross, share, plane = cross[:joint], share[:joint], through[:joint]
+        error = block_covariance(first, model.smoothness, model.length)
+        along = cross @ on_plane @ plane.T
+        error += plane @ (on_plane.T @ model.white @ on_plane) @ plane.T - along - along.T
         scaled = model.weight * model.scale
-        covariance += scaled.sum() * error + (scaled @ model.ratio) * (through @ through.T)
+        covariance += scaled.sum() * error + (scaled @ model.ratio) * (plane @ plane.T)
         unshared += float(scaled @ model.ratio)
         covariance -= (share * (scaled / model.total).sum(axis=1)) @ share.T
     mean, weight = np.concatenate(means, axis=1), np.concatenate(weights)
     best = mean @ weight / weight.sum()
-    apart = (mean - best[:, None]) * np.sqrt(weight)
+    apart = ((mean - best[:, None]) * np.sqrt(weight))[:joint]
     total = float(weight.sum())
     return Prediction(best + level, (covariance + apart @ apart.T) / total, unshared / total)
 

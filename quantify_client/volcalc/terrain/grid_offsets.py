@@ -16,11 +16,11 @@ from shapely import affinity
 from shapely.geometry import MultiPolygon, Polygon
 
 from ...errors import SupportError
-from ...types import AreaResult, BudgetItem, Check, FloatArray, Window
+from ...types import AreaResult, BudgetItem, FloatArray, Window
 from .accumulate import AreaPoints
 from .budget import standard_deviations
 from .heights import fit_cells
-from .measure import Measured, TerrainRecipe, measure_terrain
+from .measure import Measured, Sides, TerrainRecipe, measure_sides, measure_terrain
 from .outlying import mark_outliers
 from .warnings import warnings_of
 
@@ -38,56 +38,56 @@ def measure_area(
 ) -> AreaResult:
     """Return the result of one area: see :func:`measure_terrain`.
 
-    Volumes and checks are the means over the grid offsets, and their scatter is in the budget;
-    everything else is that of the first offset, and all use the ground that was predicted for it.
+    Volumes are the means over the grid offsets, and their scatter is in the budget; everything else
+    is that of the first offset, and all use the ground that was predicted for it.
     The warnings are made of these numbers.
     """
     bounds = Window(*polygon.bounds)
     points = replace(points, cubes=mark_outliers(fit_cells(points.cubes, bounds), bounds))
-    offsets = [measure_terrain(name, polygon, points, recipe)]
-    brief, cubes = replace(recipe, brief=True), points.cubes
+    first = measure_terrain(name, polygon, points, recipe)
+    offsets = []
+    cubes = points.cubes
     cell = cubes.cell * cubes.factor / recipe.ground_factor
-    ground = offsets[0][0].ground
-    if polygon.area > _FEW_CELLS * cell**2:
-        return _combined(offsets)
-    for columns, rows in _OFFSETS:
+    for columns, rows in _OFFSETS if polygon.area <= _FEW_CELLS * cell**2 else ():
         east, north = round(columns * cubes.factor), round(rows * cubes.factor)
         x, y = east * cubes.cell, north * cubes.cell
         shape, moved = affinity.translate(polygon, x, y), points.shifted(east, north)
-        moved_ground = ground and ground.shifted(x, y)
+        ground = first[0].ground and first[0].ground.shifted(x, y)
         try:
-            offsets.append(measure_terrain(name, shape, moved, brief, moved_ground))
+            there = measure_sides(shape, moved, recipe, replace(first[0], ground=ground))
         except SupportError:
             continue  # at the very limit of what is measured at all
-    return _combined(offsets)
+        offsets.append(there)
+    return _combined(first, offsets)
 
 
-def _combined(offsets: Sequence[Sequence[Measured]]) -> AreaResult:
+def _combined(first: Sequence[Measured], offsets: Sequence[Sequence[Sides]]) -> AreaResult:
     """Return the mean over the offsets on the first base, with those on all bases if compared."""
-    compared = len(offsets[0]) > 1
+    compared = len(first) > 1
     rows = []
-    for of_base in zip(*offsets):
-        mean = _mean([measured.result for measured in of_base])
-        notices = warnings_of(mean, of_base[0].findings, compared=compared)
+    for number, measured in enumerate(first):
+        mean = _mean(measured, [of_offset[number] for of_offset in offsets])
+        notices = warnings_of(mean, measured.findings, compared=compared)
         rows.append(replace(mean, warnings=tuple(notices)))
     bases = tuple(replace(row, relief=None) for row in rows) if compared else ()
     return replace(rows[0], bases=bases)
 
 
-def _mean(results: Sequence[AreaResult]) -> AreaResult:
-    """Return the first result with the mean volumes of all.
+def _mean(measured: Measured, others: Sequence[Sides]) -> AreaResult:
+    """Return the first result with the mean volumes of all, and checks over the mean base.
 
     How far these differ is how much the place of the cells decides: the standard error of the mean
     is in *slicing*.
     """
-    first = results[0]
-    if len(results) == 1:
+    first = measured.result
+    if not others:
         return first
-    sides = np.array([[r.cut_m3 or 0.0, r.fill_m3 or 0.0] for r in results])
+    sides = np.array([[first.cut_m3 or 0.0, first.fill_m3 or 0.0], *(side[:2] for side in others)])
     cut, fill = sides.mean(axis=0).tolist()
     each = np.column_stack([sides[:, 0] - sides[:, 1], sides])
-    budget = _with_slicing(first.budget, each.std(axis=0, ddof=1) / np.sqrt(len(results)))
+    budget = _with_slicing(first.budget, each.std(axis=0, ddof=1) / np.sqrt(len(each)))
     std, cut_std, fill_std = standard_deviations(budget)
+    higher = float(np.mean([measured.below, *(side.below for side in others)])) - measured.below
     return replace(
         first,
         volume_m3=cut - fill,
@@ -101,7 +101,7 @@ def _mean(results: Sequence[AreaResult]) -> AreaResult:
             replace(piece, volume_m3=_scaled(piece.volume_m3, first, cut, fill))
             for piece in first.slices
         ),
-        checks=_mean_checks([r.checks for r in results]) if first.checks else (),
+        checks=tuple(replace(one, volume_m3=one.volume_m3 - higher) for one in first.checks),
     )
 
 
@@ -120,14 +120,6 @@ def _with_slicing(
         if item.source == "slicing"
         else item
         for item in budget or ()
-    )
-
-
-def _mean_checks(checks: Sequence[Sequence[Check]]) -> Tuple[Check, ...]:
-    """Return the mean of each check over the offsets that have it, with the margin of the first."""
-    return tuple(
-        replace(same[0], volume_m3=float(np.mean([check.volume_m3 for check in same])))
-        for same in zip(*filter(None, checks))
     )
 
 

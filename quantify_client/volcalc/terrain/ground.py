@@ -23,6 +23,12 @@ __all__ = ["Ground", "find_ground"]
 #: Squares that the predicted surface over an area has, about.
 _SQUARES = 64.0
 
+#: Cells beyond the area that are needed for slopes at the outline, with every grid offset.
+_MARGIN = 2
+
+#: Sides of the squares around the area, in those of the squares over it.
+_WIDE = 2.0
+
 #: Squares along either side, at most, where parts of an area are far apart.
 _MOST_COLUMNS = 128.0
 
@@ -83,6 +89,10 @@ class _Lattice:
         shape = (len(x), len(self.used))
         return sparse.csr_matrix((share.ravel(), (place, node.ravel())), shape)
 
+    def shifted(self, east: float, north: float) -> _Lattice:
+        """Return the lattice moved, metres."""
+        return replace(self, min_x=self.min_x + east, min_y=self.min_y + north)
+
 
 @dataclass(frozen=True)
 class Ground:
@@ -90,9 +100,11 @@ class Ground:
 
     Attributes
     ----------
-    lattice : T nodes; the height anywhere is interpolated between the four nodes around it.
+    lattice : T nodes over the area; the height anywhere is interpolated between the four nodes
+        around it.
     mean : (T,) predicted heights, metres.
     covariance : (T, T) of their errors, m2.
+    wide_lattice, wide_mean : the same over the area and what is near it, in larger squares.
     unshared : variance of each cell's part that blocks of ground do not share, m2: white noise, and
         all that is finer than the blocks.
     relief : RMS of the ground's heights around the area about a plane, beyond noise, metres; 0
@@ -102,18 +114,23 @@ class Ground:
     lattice: _Lattice
     mean: FloatArray
     covariance: FloatArray
+    wide_lattice: _Lattice
+    wide_mean: FloatArray
     unshared: float
     relief: float
 
     def shifted(self, east: float, north: float) -> Ground:
         """Return the ground moved, metres."""
-        lattice = self.lattice
-        moved = replace(lattice, min_x=lattice.min_x + east, min_y=lattice.min_y + north)
-        return replace(self, lattice=moved)
+        lattice, wide = (one.shifted(east, north) for one in (self.lattice, self.wide_lattice))
+        return replace(self, lattice=lattice, wide_lattice=wide)
 
     def heights(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the predicted heights at places, all (N,), metres."""
         return np.asarray(self.lattice.shares(x, y) @ self.mean)
+
+    def heights_beyond(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Return the predicted heights at places near the area, too, (N,), metres."""
+        return np.asarray(self.wide_lattice.shares(x, y) @ self.wide_mean)
 
     def variance(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the variances of the predicted heights at places, (N,), m2."""
@@ -138,7 +155,7 @@ def find_ground(
     heights: CellHeights,
     fraction: FloatArray,
     around: FloatArray | None = None,
-    beyond: int = 0,
+    beyond: int = _MARGIN,
 ) -> Ground | None:
     """Return the ground under an area, or None where too little of it is seen around the area.
 
@@ -148,7 +165,7 @@ def find_ground(
     heights : of the cells of a window around it.
     fraction : (ny, nx) share of each cell inside the area.
     around : (K, 3) single points; those beyond the window count.
-    beyond : cells beyond the area over which heights are predicted, too.
+    beyond : cells beyond the area over which there are heights, but no errors.
     """
     known = ground_blocks(
         polygon, heights, fraction, np.empty((0, 3)) if around is None else around
@@ -156,13 +173,19 @@ def find_ground(
     if known is None:
         return None
     step = max(known.finest, float(np.sqrt(polygon.area / _SQUARES)))
-    covered = ndimage.distance_transform_edt(fraction <= 0) <= beyond
-    lattice = _Lattice.over(*heights.window.middles(covered), heights.window.cell, step)
-    found = predict_blocks(
-        known.places, known.z, known.cells, lattice.squares(), known.finest, known.extent
+    away, window = ndimage.distance_transform_edt(fraction <= 0), heights.window
+    lattice, wide = (
+        _Lattice.over(*window.middles(away <= cells), window.cell, size)
+        for cells, size in ((_MARGIN, step), (beyond, _WIDE * step))
     )
+    squares, count = [one.squares() for one in (lattice, wide)], len(lattice.used)
+    wanted = Blocks(*(np.concatenate(pair) for pair in zip(*squares)))
+    found = predict_blocks(
+        known.places, known.z, known.cells, wanted, known.finest, known.extent, joint=count
+    )
+    mean, wide_mean = np.split(found.mean, [count])
     relief = _relief(known, found.unshared)
-    return Ground(lattice, found.mean, found.covariance, found.unshared, relief)
+    return Ground(lattice, mean, found.covariance, wide, wide_mean, found.unshared, relief)
 
 
 def _relief(known: GroundBlocks, unshared: float) -> float:

@@ -24,7 +24,9 @@ MAX_SLICES = 10_000
 _SURE = 3.0
 
 
-def above_mask(r: FloatArray, a: FloatArray, sigma: FloatArray) -> npt.NDArray[np.bool_]:
+def above_mask(
+    r: FloatArray, a: FloatArray, sigma: Union[float, FloatArray]
+) -> npt.NDArray[np.bool_]:
     """Return which cells lie above the base, without a bias by noise.
 
     Summing max(r, 0) over flat ground would add 0.4 sigma for every cell to the cut, and as much to
@@ -35,7 +37,7 @@ def above_mask(r: FloatArray, a: FloatArray, sigma: FloatArray) -> npt.NDArray[n
     ----------
     r : (ny, nx) float64, height above the base; NaN outside the area.
     a : (ny, nx) float64, area of each cell.
-    sigma : (ny, nx) float64, standard deviation of each cell's height.
+    sigma : (ny, nx) float64, standard deviation of each cell's height, or one for all.
     """
     known = np.isfinite(r)
     r = np.where(known, r, 0.0)

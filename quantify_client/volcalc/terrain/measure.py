@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Optional, Union
+from typing import NamedTuple, Optional, Sequence, Union
 
 import numpy as np
 from scipy import ndimage
 from shapely.geometry import MultiPolygon, Polygon
 
 from ...options import DEFAULT_BASE
-from ...types import AreaResult, Relief
+from ...types import AreaResult, FloatArray, Relief
 from .accumulate import AreaPoints
-from .base import BASES, make_base
+from .base import BASES, KRIGED, make_base
 from .budget import error_budget, standard_deviations
 from .ground import Ground, find_ground
 from .integrate import above_mask, integrate_slices, slab_edges
@@ -22,7 +22,7 @@ from .tin import tin_check
 from .toe import NOT_ON_PILE, OnPile, off_ground, outline_on_pile
 from .warnings import Findings
 
-__all__ = ["Measured", "TerrainRecipe", "measure_terrain"]
+__all__ = ["Measured", "Sides", "TerrainRecipe", "measure_sides", "measure_terrain"]
 
 #: Cells beyond the outline over which the toe of a pile is looked for: less than the margin.
 _BEYOND = 20
@@ -37,31 +37,48 @@ class TerrainRecipe:
     base : a name of `BASES`, ``"compare"``, or an elevation in metres.
     slices, slice_height : see `slab_edges`.
     ground_factor : grid length / ground length at the site.
-    brief : only volumes and that of the check, for grid offsets whose mean has another's budget.
     """
 
     base: Union[str, float] = DEFAULT_BASE
     slices: Union[str, int] = "auto"
     slice_height: Optional[float] = None
     ground_factor: float = 1.0
-    brief: bool = False
 
 
 @dataclass(frozen=True)
 class Measured:
-    """The result of one area on one base, without warnings, and what they will be made of."""
+    """The result of one area on one base, without warnings.
+
+    Attributes
+    ----------
+    findings : what warnings will be made of.
+    ground : predicted from the ground around the area; None where too little of that is seen.
+    noise : standard deviation of a typical cell's height, metres.
+    below : volume between height 0 and the base, m3.
+    """
 
     result: AreaResult
     findings: Findings
-    ground: Ground | None = None
+    ground: Ground | None
+    noise: float
+    below: float
+
+
+class Sides(NamedTuple):
+    """The volumes of one area on one base with another grid offset, m3.
+
+    Attributes
+    ----------
+    below : between height 0 and the base.
+    """
+
+    cut: float
+    fill: float
+    below: float
 
 
 def measure_terrain(
-    name: str,
-    polygon: Polygon | MultiPolygon,
-    points: AreaPoints,
-    recipe: TerrainRecipe,
-    ground: Ground | None = None,
+    name: str, polygon: Polygon | MultiPolygon, points: AreaPoints, recipe: TerrainRecipe
 ) -> tuple[Measured, ...]:
     """Return the result of one area, one for each base where they are compared.
 
@@ -69,20 +86,73 @@ def measure_terrain(
     ----------
     polygon : valid, metres, from the local origin of the points.
     points : with cubes from `fit_cells`.
-    ground : as predicted for another grid offset, to be used again.
 
     Raises
     ------
     SupportError
         When points support less than half of the area.
     """
-    surface = find_surface(polygon, points.cubes, recipe.ground_factor, brief=recipe.brief)
-    bases = BASES if recipe.base == "compare" else [recipe.base]
-    if ground is None and isinstance(recipe.base, str):
+    surface = find_surface(polygon, points.cubes, recipe.ground_factor)
+    ground = None
+    if isinstance(recipe.base, str):
         ground = find_ground(
             polygon, surface.heights, surface.fraction, points.around, beyond=_BEYOND
         )
-    return tuple(_on_base(name, base, surface, ground, points, recipe) for base in bases)
+    return tuple(_on_base(name, base, surface, ground, points, recipe) for base in _bases(recipe))
+
+
+def measure_sides(
+    polygon: Polygon | MultiPolygon, points: AreaPoints, recipe: TerrainRecipe, first: Measured
+) -> tuple[Sides, ...]:
+    """Return the volumes of one area with another grid offset, one for each base.
+
+    Parameters
+    ----------
+    polygon, points : see `measure_terrain`; moved to the other offset.
+    first : as measured with the first offset, on any base; its ground moved likewise.
+
+    Raises
+    ------
+    SupportError
+        See `measure_terrain`.
+    """
+    surface = find_surface(polygon, points.cubes, recipe.ground_factor)
+    found = []
+    for base in _bases(recipe):
+        volume, _ = _cut_and_fill(base, surface, first.ground, first.noise)
+        each = surface.a * np.nan_to_num(volume.r)
+        cut, fill = float(each[volume.above].sum()), -float(each[~volume.above].sum())
+        found.append(Sides(cut, fill, volume.below))
+    return tuple(found)
+
+
+def _bases(recipe: TerrainRecipe) -> Sequence[Union[str, float]]:
+    return BASES if recipe.base == "compare" else [recipe.base]
+
+
+def _cut_and_fill(
+    base_name: Union[str, float],
+    surface: AreaSurface,
+    ground: Ground | None,
+    noise: Union[float, FloatArray],
+) -> tuple[CutFill, list[Crossing]]:
+    """Return the surface over one base, and the crossings of its outline.
+
+    Parameters
+    ----------
+    noise : standard deviation of cells' heights, metres.
+    """
+    rim: Rim | None = None
+    crossings: list[Crossing] = []
+    if base_name != KRIGED or ground is None:
+        rim = surface.rim
+    if base_name == "triangulate" and rim is not None:
+        rim, crossings = _bridged(surface, rim, ground)
+    # One cell more all around, for slopes at the outline.
+    covered = ndimage.binary_dilation(surface.inside, np.ones((3, 3)))
+    base = make_base(base_name, rim, surface.parts, surface.heights.window, covered, ground)
+    r, r_std = surface.over_parts(surface.filled - base.z)
+    return CutFill(surface, base, ground, r, r_std, above_mask(r, surface.a, noise)), crossings
 
 
 def _on_base(
@@ -94,24 +164,18 @@ def _on_base(
     recipe: TerrainRecipe,
 ) -> Measured:
     """Return the result of one area on one base."""
-    rim = surface.rim
-    crossings: list[Crossing] = []
-    if base_name == "triangulate" and rim is not None:
-        rim, crossings = _bridged(surface, rim, ground)
-    # One cell more all around, for slopes at the outline.
-    covered = ndimage.binary_dilation(surface.inside, np.ones((3, 3)))
-    base = make_base(base_name, rim, surface.parts, surface.heights.window, covered, ground)
-    r, r_std = surface.over_parts(surface.filled - base.z)
-    volume = CutFill(surface, base, ground, r, r_std, above_mask(r, surface.a, surface.noise.cell))
+    volume, crossings = _cut_and_fill(base_name, surface, ground, surface.noise.cell)
+    rim = volume.base.rim
     lost = surface.fraction[surface.inside & ~np.isfinite(surface.filled)].sum()
     findings = Findings(
         crossings=tuple((one.height, one.length / recipe.ground_factor) for one in crossings),
         lost_m2=float(lost) * surface.cell**2,
-        unsupported_rim=0.0 if base.rim is None else 1.0 - base.rim.supported,
+        unsupported_rim=0.0 if rim is None else 1.0 - rim.supported,
         relief_m=0.0 if ground is None else ground.relief,
-        on_pile=_on_pile(volume, recipe),
+        on_pile=_on_pile(volume),
     )
-    return Measured(_result(name, volume, points, recipe), findings, ground)
+    result = _result(name, volume, points, recipe)
+    return Measured(result, findings, ground, surface.noise.independent, volume.below)
 
 
 def _bridged(surface: AreaSurface, rim: Rim, ground: Ground | None) -> tuple[Rim, list[Crossing]]:
@@ -126,9 +190,9 @@ def _bridged(surface: AreaSurface, rim: Rim, ground: Ground | None) -> tuple[Rim
     return bridged, crossings
 
 
-def _on_pile(volume: CutFill, recipe: TerrainRecipe) -> OnPile:
+def _on_pile(volume: CutFill) -> OnPile:
     """Return which shares of the outline lie on the pile, for a base that is ground."""
-    if volume.ground is None or recipe.brief or not isinstance(volume.base.name, str):
+    if volume.ground is None or not isinstance(volume.base.name, str):
         return NOT_ON_PILE
     net = float((volume.surface.a * np.nan_to_num(volume.r)).sum())
     return outline_on_pile(volume.surface, volume.ground, _BEYOND, net)
@@ -142,7 +206,7 @@ def _result(name: str, volume: CutFill, points: AreaPoints, recipe: TerrainRecip
     count = np.where(inside, surface.heights.count, 0)
     each = surface.a * np.nan_to_num(volume.r)
     cut, fill = float(each[cut_cells].sum()), -float(each[fill_cells].sum())
-    budget = [] if recipe.brief else error_budget(volume)
+    budget = error_budget(volume)
     std, cut_std, fill_std = standard_deviations(budget)
     edges = slab_edges(float(r.min()), float(r.max()), recipe.slices, recipe.slice_height)
     even = np.allclose(np.diff(edges), edges[1] - edges[0], rtol=1e-6)
@@ -169,7 +233,7 @@ def _result(name: str, volume: CutFill, points: AreaPoints, recipe: TerrainRecip
         slices=tuple(integrate_slices(r, a, volume.above[known], count[known], edges)),
         base=volume.base.name,
         cell_m=surface.cell,
-        checks=tin_check(points.sample, volume, None if recipe.brief else budget),
+        checks=tin_check(points.sample, volume, budget),
         relief=_relief(volume, points),
     )
 

@@ -100,8 +100,6 @@ def measure_noise(
     unplaced: FloatArray,
     filled: FloatArray,
     fraction: FloatArray,
-    *,
-    brief: bool = False,
 ) -> Noise:
     """Return the noise of cell heights, measured from the heights themselves.
 
@@ -113,15 +111,15 @@ def measure_noise(
     filled : `z` with its gaps closed.
     fraction : (ny, nx) share of each cell inside the area. The ground outside has less shape than
         what is measured, so the noise is measured there where there is enough of it.
-    brief : white noise as on the ground, whatever slope and density are.
     """
     ground, order = _ground_around(z, fraction)
     observed, degrees = _variances(ground, order)
     independent, correlated, length = 0.0, 0.0, 1.0
     if len(observed):
         independent, correlated, length = _fit(observed, np.sqrt(degrees), order)
-    varying = (fraction > 0) & (not brief)
-    each, point = white_noise(independent, z, count, unplaced, filled, np.isfinite(ground), varying)
+    each, point = white_noise(
+        independent, z, count, unplaced, filled, np.isfinite(ground), fraction > 0
+    )
     return Noise(independent, correlated, length, each, point)
 
 

@@ -41,8 +41,6 @@ class AreaSurface:
     off_middle : two of (ny, nx) float64, centroid of that part, east and north of the cell's
         middle, in cells.
     coverage : share of the area that points support.
-    rim : of the outer rings; None where no points are near.
-    noise : of the heights.
     ground_factor : grid length / ground length at the site.
     """
 
@@ -53,8 +51,6 @@ class AreaSurface:
     fraction: FloatArray
     off_middle: tuple[FloatArray, FloatArray]
     coverage: float
-    rim: Rim | None
-    noise: Noise
     ground_factor: float
 
     @property
@@ -71,6 +67,19 @@ class AreaSurface:
     def inside(self) -> npt.NDArray[np.bool_]:
         """(ny, nx) cells with a share in the area."""
         return np.asarray(self.fraction > 0)
+
+    @cached_property
+    def rim(self) -> Rim | None:
+        """The rim of the outer rings; None where no points are near."""
+        return sample_rim(self.parts, self.heights, self.fraction)
+
+    @cached_property
+    def noise(self) -> Noise:
+        """The noise of the heights."""
+        heights = self.heights
+        return measure_noise(
+            heights.z, heights.places, heights.unplaced, self.filled, self.fraction
+        )
 
     def over_parts(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return means over the parts of cells inside the area, and their standard deviations.
@@ -136,9 +145,15 @@ class CutFill:
         known = np.isfinite(self.r)
         return np.stack([known, known & self.above, known & ~self.above])
 
+    @cached_property
+    def below(self) -> float:
+        """Volume between height 0 and the base, m3."""
+        base, _ = self.surface.over_parts(self.base.z)
+        return float((self.surface.a * np.nan_to_num(base)).sum())
+
 
 def find_surface(
-    polygon: Polygon | MultiPolygon, cubes: Cubes, ground_factor: float, *, brief: bool = False
+    polygon: Polygon | MultiPolygon, cubes: Cubes, ground_factor: float
 ) -> AreaSurface:
     """Return the surface of an area.
 
@@ -146,7 +161,6 @@ def find_surface(
     ----------
     polygon : valid, metres, in the coordinates of the cubes.
     cubes : from `fit_cells`.
-    brief : see `measure_noise`.
 
     Raises
     ------
@@ -163,10 +177,6 @@ def find_surface(
     # The slopes of smoothed heights reach two cells further than the area.
     needed = ndimage.binary_dilation(fraction > 0, iterations=2)
     filled = fill_gaps(heights.z, reach, needed)
-    rim = sample_rim(parts, heights, fraction)
-    noise = measure_noise(
-        heights.z, heights.places, heights.unplaced, filled, fraction, brief=brief
-    )
     return AreaSurface(
         polygon,
         parts,
@@ -175,7 +185,5 @@ def find_surface(
         fraction,
         (off_middle[0], off_middle[1]),
         coverage,
-        rim,
-        noise,
         ground_factor,
     )

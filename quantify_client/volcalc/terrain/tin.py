@@ -44,14 +44,14 @@ _APART = ("coverage", "slicing")
 
 
 def tin_check(
-    points: FloatArray, volume: CutFill, budget: Sequence[BudgetItem] | None
+    points: FloatArray, volume: CutFill, budget: Sequence[BudgetItem]
 ) -> tuple[Check, ...]:
     """Return the net volume from prisms over a triangulation of real points, if there are enough.
 
     Parameters
     ----------
     points : (K, 3) real points.
-    budget : of the volume; None for a check without a margin.
+    budget : of the volume.
     """
     surface = volume.surface
     rim, factor = surface.rim, surface.ground_factor
@@ -59,17 +59,13 @@ def tin_check(
     tin = None if rim is None else tin_integral(points, surface.polygon, rim, surface.heights)
     if rim is None or tin is None:
         return ()
-    below_m3 = float((surface.a * np.nan_to_num(surface.over_parts(volume.base.z)[0])).sum())
-    check = Check(METHOD, tin.volume / factor**2 - below_m3)
-    if budget is None:
-        return (check,)
     cells = -onto_measured(surface.a[None], surface)[0]
     unlike = [item.std_m3 for item in budget if item.source in _APART]
     margin = _CHANCE * math.hypot(_noise(tin, cells, rim, surface), *unlike)
     half = tin_integral(points, surface.polygon, rim, surface.heights, half=True)
     if half is not None:
         margin += _facets(tin, half, rim, surface)
-    return (Check(METHOD, check.volume_m3, margin),)
+    return (Check(METHOD, tin.volume / factor**2 - volume.below, margin),)
 
 
 def _noise(tin: TinIntegral, cells: FloatArray, rim: Rim, surface: AreaSurface) -> float:

@@ -112,7 +112,7 @@ def _goes_on(
     away = ndimage.distance_transform_edt(~surface.inside)
     outside = (away > 0) & (away <= reach)
     over = np.full(window.shape, np.nan)
-    over[outside] = surface.heights.z[outside] - ground.heights(*window.middles(outside))
+    over[outside] = surface.heights.z[outside] - ground.heights_beyond(*window.middles(outside))
     label, _ = ndimage.label(sign * over > float(np.median(_limit(rim, ground))), np.ones((3, 3)))
     unseen = ndimage.binary_opening(outside & ~np.isfinite(over), np.ones((3, 3)))
     last = (away > reach - 1.5) | ndimage.binary_dilation(unseen, np.ones((7, 7)))
@@ -159,7 +159,7 @@ def _outwards(surface: AreaSurface, rim: Rim, ground: Ground, reach: int) -> Flo
         np.asarray(low + (index.ravel() + 0.5) * window.cell)
         for low, index in ((window.min_x, column), (window.min_y, row))
     ]
-    over = z - ground.heights(*below).reshape(z.shape)
+    over = z - ground.heights_beyond(*below).reshape(z.shape)
     return _along_rings(over, rim.part)
 
 
