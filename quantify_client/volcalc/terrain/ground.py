@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 from scipy import ndimage, sparse
 from shapely.geometry import MultiPolygon, Polygon
 
@@ -156,6 +157,7 @@ def find_ground(
     fraction: FloatArray,
     around: FloatArray | None = None,
     beyond: int = _MARGIN,
+    off: npt.NDArray[np.bool_] | None = None,
 ) -> Ground | None:
     """Return the ground under an area, or None where too little of it is seen around the area.
 
@@ -166,9 +168,10 @@ def find_ground(
     fraction : (ny, nx) share of each cell inside the area.
     around : (K, 3) single points; those beyond the window count.
     beyond : cells beyond the area over which there are heights, but no errors.
+    off : (ny, nx) cells that are no ground of the area (`walls`).
     """
     known = ground_blocks(
-        polygon, heights, fraction, np.empty((0, 3)) if around is None else around
+        polygon, heights, fraction, np.empty((0, 3)) if around is None else around, off
     )
     if known is None:
         return None

@@ -127,7 +127,11 @@ def block_size(polygon: Polygon | MultiPolygon) -> float:
 
 
 def ground_blocks(
-    polygon: Polygon | MultiPolygon, heights: CellHeights, fraction: FloatArray, around: FloatArray
+    polygon: Polygon | MultiPolygon,
+    heights: CellHeights,
+    fraction: FloatArray,
+    around: FloatArray,
+    off: npt.NDArray[np.bool_] | None = None,
 ) -> GroundBlocks | None:
     """Return the blocks of ground around an area, or None where too few are seen.
 
@@ -139,11 +143,20 @@ def ground_blocks(
     heights : of the cells of a window around it.
     fraction : (ny, nx) share of each cell inside the area.
     around : (K, 3) single points; those beyond the window count.
+    off : (ny, nx) cells that are no ground of the area (`walls`), and all that goes on from there
+        beyond the window; if nothing else is seen they count.
     """
-    cell = heights.window.cell
+    cell, window = heights.window.cell, heights.window
     size = max(block_size(polygon), cell)
     area = _seen(heights, fraction > 0, around[:0])
-    found = _blocks(_seen(heights, fraction == 0, around), area, size, cell)
+    found = None
+    if off is not None:
+        column, row = (np.floor(place).astype(np.int64) for place in window.in_cells(*around.T[:2]))
+        beyond = off[row.clip(0, window.ny - 1), column.clip(0, window.nx - 1)]
+        seen = _seen(heights, (fraction == 0) & ~off, around[~beyond])
+        found = _blocks(seen, area, size, cell)
+    if found is None:
+        found = _blocks(_seen(heights, fraction == 0, around), area, size, cell)
     if found is None:
         depth = ndimage.distance_transform_edt(np.pad(fraction > 0, 1))[1:-1, 1:-1]
         band = (depth > 0) & (depth <= _BAND_CELLS)

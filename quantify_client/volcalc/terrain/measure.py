@@ -19,7 +19,7 @@ from .integrate import above_mask, integrate_slices, slab_edges
 from .rim import Crossing, Rim, bridge_crossings
 from .surface import AreaSurface, CutFill, find_surface
 from .tin import tin_check
-from .toe import NOT_ON_PILE, OnPile, off_ground, outline_on_pile
+from .toe import NOT_ON_PILE, Flanks, find_flanks, off_ground
 from .warnings import Findings
 
 __all__ = ["Measured", "Sides", "TerrainRecipe", "measure_sides", "measure_terrain"]
@@ -55,6 +55,7 @@ class Measured:
     ground : predicted from the ground around the area; None where too little of that is seen.
     noise : standard deviation of a typical cell's height, metres.
     below : volume between height 0 and the base, m3.
+    flanks : what stands along the outline; None where nothing does.
     """
 
     result: AreaResult
@@ -62,6 +63,7 @@ class Measured:
     ground: Ground | None
     noise: float
     below: float
+    flanks: Flanks | None
 
 
 class Sides(NamedTuple):
@@ -96,7 +98,12 @@ def measure_terrain(
     ground = None
     if isinstance(recipe.base, str):
         ground = find_ground(
-            polygon, surface.heights, surface.fraction, points.around, beyond=_BEYOND
+            polygon,
+            surface.heights,
+            surface.fraction,
+            points.around,
+            beyond=_BEYOND,
+            off=surface.walls.off,
         )
     return tuple(_on_base(name, base, surface, ground, points, recipe) for base in _bases(recipe))
 
@@ -116,7 +123,8 @@ def measure_sides(
     SupportError
         See `measure_terrain`.
     """
-    surface = find_surface(polygon, points.cubes, recipe.ground_factor)
+    walled = first.findings.walls.share > 0
+    surface = find_surface(polygon, points.cubes, recipe.ground_factor, walled=walled)
     found = []
     for base in _bases(recipe):
         volume, _ = _cut_and_fill(base, surface, first.ground, first.noise)
@@ -152,6 +160,11 @@ def _cut_and_fill(
     covered = ndimage.binary_dilation(surface.inside, np.ones((3, 3)))
     base = make_base(base_name, rim, surface.parts, surface.heights.window, covered, ground)
     r, r_std = surface.over_parts(surface.filled - base.z)
+    if surface.before_walls is not None:
+        z, std = surface.before_walls
+        r, r_std = (
+            np.where(np.isfinite(z), own, all_) for own, all_ in ((z - base.z, r), (std, r_std))
+        )
     return CutFill(surface, base, ground, r, r_std, above_mask(r, surface.a, noise)), crossings
 
 
@@ -165,17 +178,18 @@ def _on_base(
 ) -> Measured:
     """Return the result of one area on one base."""
     volume, crossings = _cut_and_fill(base_name, surface, ground, surface.noise.cell)
-    rim = volume.base.rim
+    rim, flanks = volume.base.rim, _flanks(volume, points)
     lost = surface.fraction[surface.inside & ~np.isfinite(surface.filled)].sum()
     findings = Findings(
         crossings=tuple((one.height, one.length / recipe.ground_factor) for one in crossings),
         lost_m2=float(lost) * surface.cell**2,
         unsupported_rim=0.0 if rim is None else 1.0 - rim.supported,
         relief_m=0.0 if ground is None else ground.relief,
-        on_pile=_on_pile(volume),
+        on_pile=NOT_ON_PILE if flanks is None else flanks.on_pile(recipe.ground_factor),
+        walls=surface.walls,
     )
     result = _result(name, volume, points, recipe)
-    return Measured(result, findings, ground, surface.noise.independent, volume.below)
+    return Measured(result, findings, ground, surface.noise.independent, volume.below, flanks)
 
 
 def _bridged(surface: AreaSurface, rim: Rim, ground: Ground | None) -> tuple[Rim, list[Crossing]]:
@@ -190,12 +204,12 @@ def _bridged(surface: AreaSurface, rim: Rim, ground: Ground | None) -> tuple[Rim
     return bridged, crossings
 
 
-def _on_pile(volume: CutFill) -> OnPile:
-    """Return which shares of the outline lie on the pile, for a base that is ground."""
+def _flanks(volume: CutFill, points: AreaPoints) -> Flanks | None:
+    """Return what stands along the outline, for a base that is ground."""
     if volume.ground is None or not isinstance(volume.base.name, str):
-        return NOT_ON_PILE
+        return None
     net = float((volume.surface.a * np.nan_to_num(volume.r)).sum())
-    return outline_on_pile(volume.surface, volume.ground, _BEYOND, net)
+    return find_flanks(volume.surface, volume.ground, points.cubes, _BEYOND, net)
 
 
 def _result(name: str, volume: CutFill, points: AreaPoints, recipe: TerrainRecipe) -> AreaResult:

@@ -20,6 +20,7 @@ from .heights import CellHeights, cell_heights
 from .histogram import Cubes
 from .noise import Noise, measure_noise
 from .rim import Rim, require_plain_outline, sample_rim
+from .walls import NO_WALLS, Walls, find_walls, heights_before
 
 __all__ = ["AreaSurface", "CutFill", "find_surface"]
 
@@ -41,6 +42,9 @@ class AreaSurface:
     off_middle : two of (ny, nx) float64, centroid of that part, east and north of the cell's
         middle, in cells.
     coverage : share of the area that points support.
+    walls : beside the area.
+    before_walls : heights of the parts inside, and their standard deviations, (ny, nx) metres, of
+        cells beside a wall; None where there is none.
     ground_factor : grid length / ground length at the site.
     """
 
@@ -51,6 +55,8 @@ class AreaSurface:
     fraction: FloatArray
     off_middle: tuple[FloatArray, FloatArray]
     coverage: float
+    walls: Walls
+    before_walls: tuple[FloatArray, FloatArray] | None
     ground_factor: float
 
     @property
@@ -153,7 +159,7 @@ class CutFill:
 
 
 def find_surface(
-    polygon: Polygon | MultiPolygon, cubes: Cubes, ground_factor: float
+    polygon: Polygon | MultiPolygon, cubes: Cubes, ground_factor: float, *, walled: bool = True
 ) -> AreaSurface:
     """Return the surface of an area.
 
@@ -161,6 +167,7 @@ def find_surface(
     ----------
     polygon : valid, metres, in the coordinates of the cubes.
     cubes : from `fit_cells`.
+    walled : whether there may be walls beside it.
 
     Raises
     ------
@@ -177,6 +184,10 @@ def find_surface(
     # The slopes of smoothed heights reach two cells further than the area.
     needed = ndimage.binary_dilation(fraction > 0, iterations=2)
     filled = fill_gaps(heights.z, reach, needed)
+    walls, before_walls = find_walls(heights, fraction) if walled else NO_WALLS, None
+    if walls.beside is not None:
+        cut = walls.beside & (fraction < 1)
+        before_walls = heights_before(polygon, cubes, heights.window, cut)
     return AreaSurface(
         polygon,
         parts,
@@ -185,5 +196,7 @@ def find_surface(
         fraction,
         (off_middle[0], off_middle[1]),
         coverage,
+        walls,
+        before_walls,
         ground_factor,
     )

@@ -11,14 +11,18 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import shapely
 from scipy import ndimage
+from scipy.spatial import cKDTree
+from shapely.geometry import MultiPolygon, Polygon
 
 from ...types import FloatArray
 from .ground import Ground
+from .histogram import Cubes
 from .rim import Rim
 from .surface import AreaSurface
 
-__all__ = ["NOT_ON_PILE", "OnPile", "off_ground", "outline_on_pile"]
+__all__ = ["NOT_ON_PILE", "Flanks", "OnPile", "find_flanks", "moved_to_toe", "off_ground"]
 
 #: Heights above the ground count beyond so many standard deviations of what is known of it.
 _SURE = 3.0
@@ -29,6 +33,18 @@ _RISE = 1.25
 #: Points of the outline whose heights are averaged, at the same distance from it: one for each
 #: cell.
 _ALONG = 5
+
+#: Half of the width, in cells, of the strip along the outline in which it is known how high the
+#: terrain is there: on an even flank the mean is that at the outline.
+_STRIP = 0.25
+
+#: A proposed outline is so many cells beyond the toe, which is within a cell of where it is seen.
+_CLEAR = 1.0
+
+#: It has no bends of less than this share of a cell.
+_BENDS = 0.25
+
+_BOOLS = npt.NDArray[np.bool_]
 
 
 class OnPile(NamedTuple):
@@ -54,50 +70,176 @@ class OnPile(NamedTuple):
 NOT_ON_PILE = OnPile()
 
 
-def outline_on_pile(surface: AreaSurface, ground: Ground, reach: int, net: float) -> OnPile:
-    """Return which shares of the outline lie on a pile, and how far out its toe is.
+class Flanks(NamedTuple):
+    """What stands at each of the M points of a rim.
+
+    Attributes
+    ----------
+    rim : the points.
+    above : (M,) height of the terrain over the ground at the outline; of pits the depth; metres.
+    falls, rises : (M,) bool, on what goes down outwards, and on what goes up.
+    way : (M,) metres outwards to the toe of what falls; inwards, and negative, to the valley before
+        what rises; as far as anything is seen, and 0 on the ground.
+    seen : (M,) bool, where toe or valley are.
+    """
+
+    rim: Rim
+    above: FloatArray
+    falls: _BOOLS
+    rises: _BOOLS
+    way: FloatArray
+    seen: _BOOLS
+
+    def on_pile(self, ground_factor: float) -> OnPile:
+        """Return which shares of the outline lie on a pile, and how far out its toe is."""
+        length, falls = self.rim.length, self.falls
+        whole = float(length.sum())
+        share, across = (float(length[some].sum()) / whole for some in (falls, self.rises))
+        if not falls.any():
+            return OnPile(across=across)
+        beyond = length * self.way * self.above
+        toe = float(np.median(np.where(self.seen, self.way, np.inf)[falls]))
+        return OnPile(
+            share,
+            float(np.median(self.above[falls])),
+            toe if np.isfinite(toe) else np.nan,
+            across,
+            float(beyond[falls].sum()) / (2.0 * ground_factor),
+        )
+
+
+def find_flanks(
+    surface: AreaSurface, ground: Ground, cubes: Cubes, reach: int, net: float
+) -> Flanks | None:
+    """Return what stands along the outline; None where nothing does.
 
     Parameters
     ----------
     ground : goes on `reach` cells beyond the area.
+    cubes : from `fit_cells`.
     net : volume: below zero, what is measured is a pit.
     """
     rim = surface.rim
     if rim is None:
-        return NOT_ON_PILE
-    sign = 1.0 if net >= 0 else -1.0
-    above = _outwards(surface, rim, ground, reach) * sign
-    limit = _limit(rim, ground)
-    # The first cell beyond the one that the outline cuts.
-    on = above[:, 1] > limit
+        return None
+    sign, limit, steps = 1.0 if net >= 0 else -1.0, _limit(rim, ground), np.arange(reach + 1)
+    outwards = sign * _outwards(surface, rim, ground, steps)
+    above, beside = (
+        np.where(np.isfinite(seen), sign * seen, outwards[:, 0])
+        for seen in _at_outline(surface, rim, ground, cubes)
+    )
+    on = beside > limit
+    if not on.any():
+        return None
     goes_on = on & _goes_on(surface, rim, ground, reach, sign)
     if 2.0 * rim.length[goes_on].sum() < rim.length.sum():
         on &= ~goes_on
-    if not on.any():
-        return NOT_ON_PILE
-    at_outline, above, limit, length = above[on, 0], above[on, 1:], limit[on], rim.length[on]
-    # Down to the limit, between two cells, or to where nothing is seen.
-    ended = ~(above > limit[:, None])
-    steps = np.where(ended.any(axis=1), ended.argmax(axis=1), above.shape[1])
-    before = np.arange(above.shape[1]) < steps[:, None]
-    highest = np.where(before, above, -np.inf).max(axis=1)
-    last = np.take_along_axis(above, steps[:, None] - 1, axis=1)[:, 0]
-    end = np.take_along_axis(above, np.minimum(steps, above.shape[1] - 1)[:, None], axis=1)[:, 0]
-    at_toe = (steps < above.shape[1]) & np.isfinite(end)
-    # Its foot is inside of the outline by a cell, else it may be beside it.
-    inside = 2.0 * at_outline > above[:, 0]
-    rises = (highest > _RISE * above[:, 0] + limit) & inside
+    toe, at_toe, highest = _down(outwards[:, 1:], above, limit)
+    last = np.nanmin(np.where(np.isfinite(outwards), outwards, np.inf), axis=1)
+    higher = highest > _RISE * above + limit
     # What stays as high has no toe.
-    falls = (highest <= _RISE * above[:, 0] + limit) & (at_toe | (last < above[:, 0] - limit))
-    whole = float(rim.length.sum())
-    share, across = (float(length[some].sum()) / whole for some in (falls, rises))
-    if not falls.any():
-        return OnPile(across=across)
-    way = (steps + 0.5) * surface.cell
-    beyond = float((length * way * above[:, 0])[falls].sum()) / (2.0 * surface.ground_factor)
-    far = float(np.median(np.where(at_toe, way, np.inf)[falls]))
-    height = float(np.median(above[falls, 0]))
-    return OnPile(share, height, far if np.isfinite(far) else np.nan, across, beyond)
+    falls = on & ~higher & (at_toe | (last < above - limit))
+    rises = on & higher
+    if not (falls | rises).any():
+        return None
+    valley, at_valley = _valley(sign * _outwards(surface, rim, ground, -steps), limit)
+    way = np.select([falls, rises], [toe, -valley]) * surface.heights.window.cell
+    return Flanks(rim, above, falls, rises, way, np.where(rises, at_valley, at_toe))
+
+
+def _down(
+    outwards: FloatArray, above: FloatArray, limit: FloatArray
+) -> tuple[FloatArray, _BOOLS, FloatArray]:
+    """Return where what is `above` at the outline is down, in cells, if it is, and its highest.
+
+    Parameters
+    ----------
+    outwards : (M, K) heights at 1, 2 .. K cells outwards.
+    above, limit : (M,), at the outline, and down to what it has to be.
+    """
+    ended = ~(outwards > limit[:, None])
+    steps = np.where(ended.any(axis=1), ended.argmax(axis=1), outwards.shape[1])
+    before = np.arange(outwards.shape[1]) < steps[:, None]
+    highest = np.maximum(np.where(before, outwards, -np.inf).max(axis=1), above)
+    index = np.minimum(steps, outwards.shape[1] - 1)
+    end = np.take_along_axis(outwards, index[:, None], axis=1)[:, 0]
+    # Between two cells.
+    return steps + 0.5, (steps < outwards.shape[1]) & np.isfinite(end), highest
+
+
+def _valley(inwards: FloatArray, limit: FloatArray) -> tuple[FloatArray, _BOOLS]:
+    """Return how many cells inwards (M,) the terrain goes down before it goes up, if it does.
+
+    Parameters
+    ----------
+    inwards : (M, K) heights at 0, 1 .. K - 1 cells inwards.
+    limit : (M,) what counts as a rise; below it is the ground.
+    """
+    heights = np.where(np.isfinite(inwards), inwards, np.inf)
+    lowest = np.minimum.accumulate(heights, axis=1)
+    up = np.isfinite(heights) & (heights > lowest + limit[:, None])
+    down = heights <= limit[:, None]
+    end = np.where(up.any(axis=1), up.argmax(axis=1), 0)
+    end = np.where(down.any(axis=1), down.argmax(axis=1) + 1, end)
+    before = np.arange(heights.shape[1]) < end[:, None]
+    lowest_at = np.where(before, heights, np.inf).argmin(axis=1)
+    return lowest_at.astype(np.float64), end > 0
+
+
+def moved_to_toe(
+    polygon: Polygon | MultiPolygon, flanks: Flanks, cell: float
+) -> Polygon | MultiPolygon | None:
+    """Return an outline with its stretches on piles moved beyond the toe, or None without any.
+
+    What stands beside the pile that is measured is left out.
+
+    Parameters
+    ----------
+    cell : edge of a cell, metres.
+    """
+    way = np.where(flanks.falls, flanks.way + _CLEAR * cell, flanks.way) * flanks.seen
+    if not way.any():
+        return None
+    rim, (east, north) = flanks.rim, _normals(flanks.rim)
+    moved = polygon
+    for side in (1.0, -1.0):
+        there = np.maximum(side * way, 0.0) * side
+        strips = _strips(rim, rim.x + there * east, rim.y + there * north, there != 0.0)
+        moved = moved.union(strips) if side > 0 else moved.difference(strips)
+    return _plain(moved, polygon, cell)
+
+
+def _strips(rim: Rim, x: FloatArray, y: FloatArray, some: _BOOLS) -> Polygon | MultiPolygon:
+    """Return what is between the rim and other places (M,), beside some of its points."""
+    quads = []
+    for part in np.unique(rim.part):
+        ring = np.flatnonzero(rim.part == part)
+        after = np.roll(ring, -1)
+        beside = some[ring] | some[after]
+        ring, after = ring[beside], after[beside]
+        corners = [(rim.x, rim.y, ring), (rim.x, rim.y, after), (x, y, after), (x, y, ring)]
+        quads.append(np.stack([np.stack([u[k], v[k]], axis=1) for u, v, k in corners], axis=1))
+    pieces = shapely.make_valid(shapely.polygons(np.concatenate(quads)))
+    return shapely.union_all(pieces)
+
+
+def _plain(
+    moved: Polygon | MultiPolygon, polygon: Polygon | MultiPolygon, cell: float
+) -> Polygon | MultiPolygon | None:
+    """Return what is left of a moved outline, without slivers and small bends; None if nothing."""
+    opened = moved.buffer(-_CLEAR * cell / 2.0).buffer(_CLEAR * cell / 2.0)
+    parts = [part for part in shapely.get_parts(opened) if part.intersects(polygon)]
+    whole = shapely.union_all(parts).simplify(_BENDS * cell)
+    return None if whole.is_empty else whole
+
+
+def off_ground(surface: AreaSurface, rim: Rim, ground: Ground) -> _BOOLS:
+    """Return at which rim points (M,) the terrain is above or below the ground, where it is seen.
+
+    Rim heights are from cells outside of the outline; what is near it need not be on it.
+    """
+    over = _outwards(surface, rim, ground, np.zeros(1, dtype=np.int64))
+    return np.asarray(np.abs(over[:, 0]) > _limit(rim, ground))
 
 
 def _goes_on(
@@ -121,35 +263,38 @@ def _goes_on(
     return np.asarray(ndimage.binary_dilation(far, np.ones((3, 3)), iterations=2)[row, column])
 
 
-def off_ground(surface: AreaSurface, rim: Rim, ground: Ground) -> npt.NDArray[np.bool_]:
-    """Return at which rim points (M,) the terrain is above or below the ground, where it is seen.
-
-    Rim heights are from cells outside of the outline; what is near it need not be on it.
-    """
-    return np.asarray(np.abs(_outwards(surface, rim, ground, 0)[:, 0]) > _limit(rim, ground))
-
-
 def _limit(rim: Rim, ground: Ground) -> FloatArray:
     """Return how far off the ground the terrain at rim points (M,) may be by chance, metres."""
     variance = ground.variance(rim.x, rim.y) + ground.unshared + ground.relief**2
     return np.asarray(_SURE * np.sqrt(variance))
 
 
-def _outwards(surface: AreaSurface, rim: Rim, ground: Ground, reach: int) -> FloatArray:
-    """Return heights over the ground at 0, 1 .. `reach` cells outwards of each rim point.
-
-    (M, reach + 1), metres; NaN where no point was measured. Each is the mean over neighbours on
-    the outline, so that noise is less and the toe stays where it is.
-    """
-    window = surface.heights.window
-    east, north = np.empty((2, len(rim.x)))
+def _normals(rim: Rim) -> FloatArray:
+    """Return unit vectors outwards of the rim's points, (2, M)."""
+    normals = np.empty((2, len(rim.x)))
     for part in np.unique(rim.part):
         ring = rim.part == part
         along = [np.roll(v[ring], -1) - v[ring] for v in (rim.x, rim.y)]
         size = np.maximum(np.hypot(*along), 1e-12)
         # Outer rings are counter-clockwise.
-        east[ring], north[ring] = along[1] / size, -along[0] / size
-    way = window.cell * np.arange(reach + 1)
+        normals[:, ring] = along[1] / size, -along[0] / size
+    return normals
+
+
+def _outwards(
+    surface: AreaSurface, rim: Rim, ground: Ground, steps: npt.NDArray[np.int64]
+) -> FloatArray:
+    """Return heights over the ground so many cells outwards of each rim point, (M, K) metres.
+
+    NaN where no point was measured. Each is the mean over neighbours on the outline, so that noise
+    is less and the toe stays where it is.
+
+    Parameters
+    ----------
+    steps : (K,) cells outwards; inwards below zero.
+    """
+    window, (east, north) = surface.heights.window, _normals(rim)
+    way = window.cell * steps
     x, y = rim.x[:, None] + east[:, None] * way, rim.y[:, None] + north[:, None] * way
     column, row = (np.floor(v).astype(np.int64) for v in window.in_cells(x, y))
     held = window.holds(row, column)
@@ -160,19 +305,52 @@ def _outwards(surface: AreaSurface, rim: Rim, ground: Ground, reach: int) -> Flo
         for low, index in ((window.min_x, column), (window.min_y, row))
     ]
     over = z - ground.heights_beyond(*below).reshape(z.shape)
-    return _along_rings(over, rim.part)
+    known = np.isfinite(over)
+    return _along_rings(np.where(known, over, 0.0), known.astype(np.float64), rim.part)
 
 
-def _along_rings(values: FloatArray, part: npt.NDArray[np.int64]) -> FloatArray:
-    """Return means of known values over `_ALONG` points along each ring, column by column."""
-    known = np.isfinite(values)
-    found = np.full(values.shape, np.nan)
+def _at_outline(
+    surface: AreaSurface, rim: Rim, ground: Ground, cubes: Cubes
+) -> tuple[FloatArray, FloatArray]:
+    """Return heights over the ground at rim points and just outside of these, both (M,).
+
+    Cells at the outline say the mean of more than a cell around: a flank that ends within them is
+    seen in cubes.
+    """
+    window, size = surface.heights.window, cubes.factor
+    edge = surface.inside & ~ndimage.binary_erosion(surface.inside, np.ones((3, 3)))
+    edge = ndimage.binary_dilation(edge, np.ones((3, 3)))
+    column, row = cubes.column // size - window.first_x, cubes.row // size - window.first_y
+    near = window.holds(row, column) & ~cubes.outlying
+    near[near] = edge[row[near], column[near]]
+    x, y = (np.asarray((v[near] + 0.5) * cubes.cell) for v in (cubes.column, cubes.row))
+    _, at = cKDTree(np.column_stack([rim.x, rim.y])).query(np.column_stack([x, y]))
+    east, north = _normals(rim)
+    off = (x - rim.x[at]) * east[at] + (y - rim.y[at]) * north[at]
+    count, strip = cubes.count[near], _STRIP * window.cell
+    z = cubes.bin[near] * cubes.cell + cubes.inside[near] / count * cubes.quantum
+    over = z - ground.heights(x, y)
+
+    def mean_of(some: _BOOLS) -> FloatArray:
+        total, number = (
+            np.bincount(at[some], weight[some], len(rim.x)).astype(np.float64)[:, None]
+            for weight in (count * over, count)
+        )
+        return np.asarray(_along_rings(total, number, rim.part)[:, 0])
+
+    # Just outside are cubes that the outline does not cut.
+    beside = (off >= cubes.cell / 2.0) & (off <= 2.0 * strip)
+    return mean_of(np.abs(off) <= strip), mean_of(beside)
+
+
+def _along_rings(total: FloatArray, count: FloatArray, part: npt.NDArray[np.int64]) -> FloatArray:
+    """Return means (M, K) over `_ALONG` points along each ring, column by column; NaN of none."""
+    found = np.full(total.shape, np.nan)
     for number in np.unique(part):
         ring = part == number
-        total, count = (
-            ndimage.uniform_filter1d(v, _ALONG, axis=0, mode="wrap")
-            for v in (np.where(known[ring], values[ring], 0.0), known[ring].astype(np.float64))
+        sums, weights = (
+            ndimage.uniform_filter1d(v[ring], _ALONG, axis=0, mode="wrap") for v in (total, count)
         )
-        some = count > 0.5
-        found[ring] = np.where(some, total / np.where(some, count, 1.0), np.nan)
+        some = weights > 0.5
+        found[ring] = np.where(some, sums / np.where(some, weights, 1.0), np.nan)
     return found
