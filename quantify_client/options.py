@@ -211,6 +211,15 @@ class Options:
         goes_with="terrain",
         **_ELEVATION,
     )
+    toe: Optional[Union[str, float]] = _option(
+        None,
+        "moves outlines to the toe of their piles that the terrain shows, by this much at most "
+        "(auto: a quarter of their longer side)",
+        TERRAIN,
+        choices=("auto",),
+        goes_with="terrain",
+        **_LENGTH,
+    )
     center_caps: bool = _option(
         False,
         "with --method polar: end slabs centred on the end points",

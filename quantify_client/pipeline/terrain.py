@@ -23,7 +23,7 @@ import shapely
 
 from ..areas.read import Area, far_corner_problem
 from ..crs import Frame
-from ..errors import QuantifyError
+from ..errors import QuantifyError, UsageError
 from ..options import DEFAULT_BASE
 from ..source import Source
 from ..types import AreaFailure, AreaResult, Bounds, Measurement, Notice, Options, Window
@@ -63,6 +63,9 @@ _AWAY, _OUTSIDE = 0.005, 0.2
 
 #: Why points over an area are left out that are too high or too low for its cubes.
 _TOO_FAR = "height absurdly far from the site's"
+
+#: Outlines are moved to the toe by so much of their longer side, at most.
+_TOE_SHARE = 0.25
 
 #: Terrain rises by less than this many times its width: a sea stack by about 3.
 _STEEPEST = 5.0
@@ -118,6 +121,8 @@ def measure_areas(source: Source, frame: Frame, options: Options, report: Progre
     box = bounds_in_frame(source, frame)
     batches: Iterable[Dict[int, _AreaSite]]
     if options.area is None:
+        if options.toe is not None:
+            raise UsageError("--toe moves outlines that were drawn; give them by --area")
         site, warnings = _whole(source, frame, box, options, report)
         areas: Sequence[Union[Area, AreaFailure]] = [Area(site.name, site.polygon)]
         batches = [{0: site}]
@@ -163,7 +168,7 @@ def _sites(
     waiting = {number: area for number, area in enumerate(areas) if isinstance(area, Area)}
     while waiting:
         numbers, polygons = list(waiting), [area.polygon for area in waiting.values()]
-        boxes = [Window(*polygon.bounds) for polygon in polygons]
+        boxes = [Window(*polygon.bounds).grown(_reach(polygon, options)) for polygon in polygons]
         accumulator = TerrainAccumulator(boxes, _nearest_to_zero(box))
         left_out = accumulate(source.cloud, frame, accumulator, threads, report)
         batch = {}
@@ -310,12 +315,22 @@ def _measure_site(
         # Each area's own factor: where other areas lie does not matter to it.
         place, middle = site.extent.place, site.extent.middle
         factor = ground_factor(source, frame, place, middle, options) or 1.0
-        own = replace(recipe, ground_factor=factor)
+        own = replace(recipe, ground_factor=factor, toe=_reach(site.polygon, options) or None)
         result = measure_area(site.name, site.polygon, site.points, own)
         left_out = {**site.left_out, _TOO_FAR: site.points.cubes.too_far}
         return finish(result, left_out, options)
     except QuantifyError as error:
         return AreaFailure(site.name, str(error))
+
+
+def _reach(polygon: shapely.Geometry, options: Options) -> float:
+    """Return how far an outline may be moved to the toe, metres."""
+    if options.toe is None:
+        return 0.0
+    if not isinstance(options.toe, str):
+        return options.toe
+    left, low, right, high = polygon.bounds
+    return float(max(right - left, high - low) * _TOE_SHARE)
 
 
 def _reaches_too_far(site: _AreaSite) -> str:

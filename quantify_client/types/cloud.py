@@ -49,6 +49,10 @@ class Window:
     max_x: float
     max_y: float
 
+    def grown(self, by: float) -> Window:
+        """Return the window, larger by so much on each side."""
+        return Window(self.min_x - by, self.min_y - by, self.max_x + by, self.max_y + by)
+
     def shifted(self, x: float, y: float) -> Window:
         """Return the window moved by x and y."""
         return Window(self.min_x + x, self.min_y + y, self.max_x + x, self.max_y + y)

@@ -143,6 +143,7 @@ class Relief:
     fraction : (ny, nx) float64 in 0..1, the share of each cell inside the area.
     measured : (ny, nx) bool, True where points support the cell, False where it was interpolated.
     polygon_wkb : the area in the measuring frame, as WKB.
+    proposal_wkb : likewise, the outline to use instead where the area's own is on a pile.
     """
 
     min_x: float
@@ -153,6 +154,7 @@ class Relief:
     fraction: FloatArray
     measured: npt.NDArray[np.bool_]
     polygon_wkb: bytes
+    proposal_wkb: Optional[bytes] = None
 
 
 @dataclass(frozen=True)

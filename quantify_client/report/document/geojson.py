@@ -26,6 +26,8 @@ OUTLINE_DECIMALS = 6  # of what is measured by again, perhaps a body of centimet
 def to_geojson(measurement: Measurement) -> Dict[str, Any]:
     """Return a FeatureCollection: a feature for each result, failures with geometry null.
 
+    And one for each outline that is proposed, with the property ``proposed``.
+
     Longitude and latitude of WGS 84, outer rings counter-clockwise. Without a CRS the cloud's
     own coordinates, which RFC 7946 does not know: the collection and each feature then say so
     in ``coordinate_reference``.
@@ -44,6 +46,15 @@ def to_geojson(measurement: Measurement) -> Dict[str, Any]:
         {"type": "Feature", "geometry": geometry, "properties": {**flat_properties(row), **said}}
         for geometry, row in zip(geometries, to_json(measurement)["results"])
     ]
+    features += [
+        {
+            "type": "Feature",
+            "geometry": _placed(result.relief.proposal_wkb, None if remark else frame),
+            "properties": {"name": f"{result.name} (proposed)", "proposed": True, **said},
+        }
+        for result in results
+        if isinstance(result, AreaResult) and result.relief and result.relief.proposal_wkb
+    ]
     return {"type": "FeatureCollection", "generator": GENERATOR, **said, "features": features}
 
 
@@ -52,7 +63,11 @@ def _geometry(
 ) -> Optional[Dict[str, Any]]:
     if isinstance(result, AreaFailure) or result.relief is None:
         return None
-    geometry = shapely.from_wkb(result.relief.polygon_wkb)
+    return _placed(result.relief.polygon_wkb, frame)
+
+
+def _placed(wkb: bytes, frame: Optional[Frame]) -> Dict[str, Any]:
+    geometry = shapely.from_wkb(wkb)
     if frame is None:
         return _written(geometry, CLOUD_DECIMALS)
     return _written(_to_wgs84(geometry, frame), WGS84_DECIMALS)

@@ -16,18 +16,25 @@ from shapely import affinity
 from shapely.geometry import MultiPolygon, Polygon
 
 from ...errors import SupportError
-from ...types import AreaResult, BudgetItem, FloatArray, Window
+from ...options import DEFAULT_BASE
+from ...types import AreaResult, BudgetItem, FloatArray, Notice, Window
 from .accumulate import AreaPoints
 from .budget import standard_deviations
 from .heights import fit_cells
 from .measure import Measured, Sides, TerrainRecipe, measure_sides, measure_terrain
 from .outlying import mark_outliers
-from .warnings import warnings_of
+from .toe import moved_to_toe, polygonal
+from .warnings import OUTLINE_ON_PILE, warnings_of
 
 __all__ = ["measure_area"]
 
 #: An area of more cells than this is measured once.
 _FEW_CELLS = 10_000
+
+#: Outlines are moved to the toe so often at most: each time the terrain is seen 20 cells further
+#: out (`measure`). And no more where the area changes by less than this share.
+_ROUNDS = 4
+_UNMOVED = 0.002
 
 #: The other grid offsets, in cells, east and north.
 _OFFSETS = ((0.0, 0.5), (0.5, 0.0), (0.5, 0.5))
@@ -42,9 +49,84 @@ def measure_area(
     is that of the first offset, and all use the ground that was predicted for it.
     The warnings are made of these numbers.
     """
-    bounds = Window(*polygon.bounds)
-    points = replace(points, cubes=mark_outliers(fit_cells(points.cubes, bounds), bounds))
+    drawn = polygon
+    if recipe.toe is not None:
+        polygon = _at_toe(polygon, points, recipe)
+    points = _marked(polygon, points)
     first = measure_terrain(name, polygon, points, recipe)
+    result = _with_offsets(first, polygon, points, recipe)
+    if polygon is not drawn:
+        return _told_of_moving(result, drawn.area / recipe.ground_factor**2)
+    return _with_proposal(result, first[0], polygon, points)
+
+
+def _marked(polygon: Union[Polygon, MultiPolygon], points: AreaPoints) -> AreaPoints:
+    """Return the points in cells for an area, with outliers marked."""
+    bounds = Window(*polygon.bounds)
+    return replace(points, cubes=mark_outliers(fit_cells(points.cubes, bounds), bounds))
+
+
+def _at_toe(
+    drawn: Union[Polygon, MultiPolygon], points: AreaPoints, recipe: TerrainRecipe
+) -> Union[Polygon, MultiPolygon]:
+    """Return an outline moved to the toe that the terrain shows, by `recipe.toe` at most."""
+    polygon, reach, kriged = drawn, recipe.toe or 0.0, replace(recipe, base=DEFAULT_BASE)
+    within, without = drawn.buffer(reach), drawn.buffer(-reach)
+    for _ in range(_ROUNDS):
+        (found,) = measure_terrain("", polygon, _marked(polygon, points), kriged)
+        moved = _moved(polygon, found)
+        if moved is None:
+            break
+        moved = polygonal(moved.intersection(within).union(without))
+        if moved.symmetric_difference(polygon).area < _UNMOVED * polygon.area:
+            break
+        polygon = moved
+    return polygon
+
+
+def _moved(
+    polygon: Union[Polygon, MultiPolygon], found: Measured
+) -> Union[Polygon, MultiPolygon, None]:
+    """Return the outline with its stretches on piles moved to the toe, or None without any."""
+    if found.flanks is None:
+        return None
+    return moved_to_toe(polygon, found.flanks, found.result.cell_m or 0.0)
+
+
+def _told_of_moving(result: AreaResult, drawn_m2: float) -> AreaResult:
+    """Return the result with a notice of how large the area was that was drawn."""
+    area = result.area_m2 or 0.0
+    notice = Notice(
+        "outline-moved",
+        f"the outline was moved to the toe: the area was {drawn_m2:.4g} m2 and is {area:.4g} m2",
+        drawn_m2=drawn_m2,
+        area_m2=area,
+    )
+    return replace(result, warnings=(*result.warnings, notice))
+
+
+def _with_proposal(
+    result: AreaResult,
+    first: Measured,
+    polygon: Union[Polygon, MultiPolygon],
+    points: AreaPoints,
+) -> AreaResult:
+    """Return the result with the outline to use instead, where its own is on a pile."""
+    told = {notice.code for notice in result.warnings if isinstance(notice, Notice)}
+    moved = _moved(polygon, first) if told & OUTLINE_ON_PILE else None
+    if moved is None or result.relief is None:
+        return result
+    proposed = points.to_frame(moved).wkb
+    return replace(result, relief=replace(result.relief, proposal_wkb=proposed))
+
+
+def _with_offsets(
+    first: Sequence[Measured],
+    polygon: Union[Polygon, MultiPolygon],
+    points: AreaPoints,
+    recipe: TerrainRecipe,
+) -> AreaResult:
+    """Return the mean of the first grid offset and the others, if the area is small."""
     offsets = []
     cubes = points.cubes
     cell = cubes.cell * cubes.factor / recipe.ground_factor

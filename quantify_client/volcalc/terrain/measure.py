@@ -37,12 +37,14 @@ class TerrainRecipe:
     base : a name of `BASES`, ``"compare"``, or an elevation in metres.
     slices, slice_height : see `slab_edges`.
     ground_factor : grid length / ground length at the site.
+    toe : how far outlines are moved to the toe at most, metres; None: not at all.
     """
 
     base: Union[str, float] = DEFAULT_BASE
     slices: Union[str, int] = "auto"
     slice_height: Optional[float] = None
     ground_factor: float = 1.0
+    toe: Optional[float] = None
 
 
 @dataclass(frozen=True)

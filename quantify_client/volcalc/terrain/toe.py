@@ -15,6 +15,7 @@ import shapely
 from scipy import ndimage
 from scipy.spatial import cKDTree
 from shapely.geometry import MultiPolygon, Polygon
+from shapely.geometry.base import BaseGeometry
 
 from ...types import FloatArray
 from .ground import Ground
@@ -22,7 +23,15 @@ from .histogram import Cubes
 from .rim import Rim
 from .surface import AreaSurface
 
-__all__ = ["NOT_ON_PILE", "Flanks", "OnPile", "find_flanks", "moved_to_toe", "off_ground"]
+__all__ = [
+    "NOT_ON_PILE",
+    "Flanks",
+    "OnPile",
+    "find_flanks",
+    "moved_to_toe",
+    "off_ground",
+    "polygonal",
+]
 
 #: Heights above the ground count beyond so many standard deviations of what is known of it.
 _SURE = 3.0
@@ -33,6 +42,9 @@ _RISE = 1.25
 #: Points of the outline whose heights are averaged, at the same distance from it: one for each
 #: cell.
 _ALONG = 5
+
+#: Whether it goes up or down outwards is seen between so many cells on either side.
+_NEAR = 2
 
 #: Half of the width, in cells, of the strip along the outline in which it is known how high the
 #: terrain is there: on an even flank the mean is that at the outline.
@@ -134,56 +146,50 @@ def find_flanks(
     goes_on = on & _goes_on(surface, rim, ground, reach, sign)
     if 2.0 * rim.length[goes_on].sum() < rim.length.sum():
         on &= ~goes_on
-    toe, at_toe, highest = _down(outwards[:, 1:], above, limit)
-    last = np.nanmin(np.where(np.isfinite(outwards), outwards, np.inf), axis=1)
-    higher = highest > _RISE * above + limit
-    # What stays as high has no toe.
-    falls = on & ~higher & (at_toe | (last < above - limit))
-    rises = on & higher
+    inwards = sign * _outwards(surface, rim, ground, -steps)
+    outer, inner = (np.column_stack([above, side[:, 1:]]) for side in (outwards, inwards))
+    # Where either is not known it is taken to go down.
+    up = outer[:, _NEAR] > inner[:, _NEAR]
+    outer = np.where(_at_walls(surface, rim, steps), np.inf, outer)
+    toe, ended = _down(outer, limit)
+    # Of what goes up, a good deal more than its height at the outline.
+    highest = np.where(np.isfinite(outer), outer, -np.inf).max(axis=1)
+    rises = on & up & (highest > _RISE * above + limit)
+    # What stays as high has no toe, and on a saddle it is beside the outline.
+    lowest = np.nanmin(np.where(np.isfinite(outer), outer, np.inf), axis=1)
+    falls = on & ~up & (ended | (lowest < above - limit)) & (toe > 0)
     if not (falls | rises).any():
         return None
-    valley, at_valley = _valley(sign * _outwards(surface, rim, ground, -steps), limit)
+    valley, at_valley = _down(inner, limit)
     way = np.select([falls, rises], [toe, -valley]) * surface.heights.window.cell
-    return Flanks(rim, above, falls, rises, way, np.where(rises, at_valley, at_toe))
+    return Flanks(rim, above, falls, rises, way, np.where(rises, at_valley, ended))
 
 
-def _down(
-    outwards: FloatArray, above: FloatArray, limit: FloatArray
-) -> tuple[FloatArray, _BOOLS, FloatArray]:
-    """Return where what is `above` at the outline is down, in cells, if it is, and its highest.
+def _down(heights: FloatArray, limit: FloatArray) -> tuple[FloatArray, _BOOLS]:
+    """Return how many cells away (M,) what stands there ends, and whether that is seen.
 
-    Parameters
-    ----------
-    outwards : (M, K) heights at 1, 2 .. K cells outwards.
-    above, limit : (M,), at the outline, and down to what it has to be.
-    """
-    ended = ~(outwards > limit[:, None])
-    steps = np.where(ended.any(axis=1), ended.argmax(axis=1), outwards.shape[1])
-    before = np.arange(outwards.shape[1]) < steps[:, None]
-    highest = np.maximum(np.where(before, outwards, -np.inf).max(axis=1), above)
-    index = np.minimum(steps, outwards.shape[1] - 1)
-    end = np.take_along_axis(outwards, index[:, None], axis=1)[:, 0]
-    # Between two cells.
-    return steps + 0.5, (steps < outwards.shape[1]) & np.isfinite(end), highest
-
-
-def _valley(inwards: FloatArray, limit: FloatArray) -> tuple[FloatArray, _BOOLS]:
-    """Return how many cells inwards (M,) the terrain goes down before it goes up, if it does.
+    It ends halfway to the first cell on the ground, or where it is lowest before it goes up again.
 
     Parameters
     ----------
-    inwards : (M, K) heights at 0, 1 .. K - 1 cells inwards.
-    limit : (M,) what counts as a rise; below it is the ground.
+    heights : (M, K) over the ground at 0, 1 .. K - 1 cells from the outline.
+    limit : (M,) below it is the ground; what goes up by more is something else.
     """
-    heights = np.where(np.isfinite(inwards), inwards, np.inf)
-    lowest = np.minimum.accumulate(heights, axis=1)
-    up = np.isfinite(heights) & (heights > lowest + limit[:, None])
-    down = heights <= limit[:, None]
-    end = np.where(up.any(axis=1), up.argmax(axis=1), 0)
-    end = np.where(down.any(axis=1), down.argmax(axis=1) + 1, end)
-    before = np.arange(heights.shape[1]) < end[:, None]
-    lowest_at = np.where(before, heights, np.inf).argmin(axis=1)
-    return lowest_at.astype(np.float64), end > 0
+    known = np.isfinite(heights)
+    lowest = np.minimum.accumulate(np.where(known, heights, np.inf), axis=1)
+    on_ground = known & (heights <= limit[:, None])
+    up = known & (heights > lowest + limit[:, None])
+    unseen = ~known
+    ends = [
+        np.where(kind.any(axis=1), kind.argmax(axis=1), heights.shape[1])
+        for kind in (on_ground, up, unseen)
+    ]
+    first = np.min(ends, axis=0)
+    before = np.where(np.arange(heights.shape[1]) < first[:, None], heights, np.inf)
+    saddle = before.argmin(axis=1).astype(np.float64)
+    at_toe, at_saddle = ends[0] == first, ends[1] == first
+    seen = (first < heights.shape[1]) & (at_toe | at_saddle)
+    return np.where(at_saddle & ~at_toe, saddle, np.maximum(first - 0.5, 0.0)), seen
 
 
 def moved_to_toe(
@@ -229,8 +235,14 @@ def _plain(
     """Return what is left of a moved outline, without slivers and small bends; None if nothing."""
     opened = moved.buffer(-_CLEAR * cell / 2.0).buffer(_CLEAR * cell / 2.0)
     parts = [part for part in shapely.get_parts(opened) if part.intersects(polygon)]
-    whole = shapely.union_all(parts).simplify(_BENDS * cell)
+    whole = polygonal(shapely.union_all(parts).simplify(_BENDS * cell))
     return None if whole.is_empty else whole
+
+
+def polygonal(geometry: BaseGeometry) -> Polygon | MultiPolygon:
+    """Return the polygons of any geometry, without points and lines where parts touch."""
+    parts = [part for part in shapely.get_parts(geometry) if isinstance(part, Polygon)]
+    return parts[0] if len(parts) == 1 else MultiPolygon(parts)
 
 
 def off_ground(surface: AreaSurface, rim: Rim, ground: Ground) -> _BOOLS:
@@ -242,9 +254,7 @@ def off_ground(surface: AreaSurface, rim: Rim, ground: Ground) -> _BOOLS:
     return np.asarray(np.abs(over[:, 0]) > _limit(rim, ground))
 
 
-def _goes_on(
-    surface: AreaSurface, rim: Rim, ground: Ground, reach: int, sign: float
-) -> npt.NDArray[np.bool_]:
+def _goes_on(surface: AreaSurface, rim: Rim, ground: Ground, reach: int, sign: float) -> _BOOLS:
     """Return beside which rim points (M,) something goes on for `reach` cells: a channel, a dam.
 
     Or as far as the cloud goes, and however it winds: what is off the ground is followed from cell
@@ -254,6 +264,8 @@ def _goes_on(
     away = ndimage.distance_transform_edt(~surface.inside)
     outside = (away > 0) & (away <= reach)
     over = np.full(window.shape, np.nan)
+    if surface.walls.off is not None:
+        outside &= ~surface.walls.off
     over[outside] = surface.heights.z[outside] - ground.heights_beyond(*window.middles(outside))
     label, _ = ndimage.label(sign * over > float(np.median(_limit(rim, ground))), np.ones((3, 3)))
     unseen = ndimage.binary_opening(outside & ~np.isfinite(over), np.ones((3, 3)))
@@ -293,12 +305,11 @@ def _outwards(
     ----------
     steps : (K,) cells outwards; inwards below zero.
     """
-    window, (east, north) = surface.heights.window, _normals(rim)
-    way = window.cell * steps
-    x, y = rim.x[:, None] + east[:, None] * way, rim.y[:, None] + north[:, None] * way
-    column, row = (np.floor(v).astype(np.int64) for v in window.in_cells(x, y))
+    window, (row, column) = surface.heights.window, _cells_outwards(surface, rim, steps)
     held = window.holds(row, column)
     z = np.where(held, surface.heights.z[np.where(held, row, 0), np.where(held, column, 0)], np.nan)
+    if surface.walls.off is not None:
+        z[_at_walls(surface, rim, steps)] = np.nan
     # The ground below the middles of the cells that have these heights.
     below = [
         np.asarray(low + (index.ravel() + 0.5) * window.cell)
@@ -307,6 +318,27 @@ def _outwards(
     over = z - ground.heights_beyond(*below).reshape(z.shape)
     known = np.isfinite(over)
     return _along_rings(np.where(known, over, 0.0), known.astype(np.float64), rim.part)
+
+
+def _cells_outwards(
+    surface: AreaSurface, rim: Rim, steps: npt.NDArray[np.int64]
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Return rows and columns of the cells so many steps outwards of each rim point, (M, K)."""
+    window, (east, north) = surface.heights.window, _normals(rim)
+    way = window.cell * steps
+    x, y = rim.x[:, None] + east[:, None] * way, rim.y[:, None] + north[:, None] * way
+    column, row = (np.floor(v).astype(np.int64) for v in window.in_cells(x, y))
+    return row, column
+
+
+def _at_walls(surface: AreaSurface, rim: Rim, steps: npt.NDArray[np.int64]) -> _BOOLS:
+    """Return which of these cells are walls, or behind them, (M, K)."""
+    off, window = surface.walls.off, surface.heights.window
+    if off is None:
+        return np.zeros((len(rim.x), len(steps)), dtype=bool)
+    row, column = _cells_outwards(surface, rim, steps)
+    place = row.clip(0, window.ny - 1), column.clip(0, window.nx - 1)
+    return np.asarray((off & ~surface.inside)[place])
 
 
 def _at_outline(
@@ -338,8 +370,9 @@ def _at_outline(
         )
         return np.asarray(_along_rings(total, number, rim.part)[:, 0])
 
-    # Just outside are cubes that the outline does not cut.
+    # Just outside are cubes that the outline does not cut; at a corner no normal says which.
     beside = (off >= cubes.cell / 2.0) & (off <= 2.0 * strip)
+    beside[beside] = ~shapely.contains_xy(surface.polygon, x[beside], y[beside])
     return mean_of(np.abs(off) <= strip), mean_of(beside)
 
 

@@ -15,10 +15,11 @@ import shapely
 from scipy import ndimage
 from shapely.geometry import MultiPolygon, Polygon
 
-from ...types import FloatArray
+from ...types import FloatArray, IntArray
 from .grid import CellWindow
 from .heights import CellHeights
 from .histogram import Cubes
+from .robust import robust_plane
 
 __all__ = ["NO_WALLS", "Walls", "find_walls", "heights_before"]
 
@@ -36,6 +37,9 @@ _MAD = 0.6745
 #: Cells from an outline beside a wall to the ground above: the slope of a step is seen in three,
 #: and the outline may be a cell off.
 _BESIDE = 4
+
+#: With fewer cells there is no plane to tell of.
+_LEAST_CELLS = 12
 
 _BOOLS = npt.NDArray[np.bool_]
 
@@ -83,17 +87,24 @@ def find_walls(heights: CellHeights, fraction: FloatArray) -> Walls:
     beside = (ndimage.distance_transform_edt(~edge) <= _BESIDE) & ~inside
     around = 2 * _BESIDE + 1
     rise = z - ndimage.minimum_filter(np.where(edge, z, np.inf), around)
-    high = rise > 2.0 * _STEEPEST * heights.window.cell
+    step = 2.0 * _STEEPEST * heights.window.cell
+    high = rise > step
     piece, number = ndimage.label(~steep)
-    # What begins beside the outline is behind a wall where most of it is higher.
-    higher = np.bincount(piece[beside & high], minlength=number + 1)
-    joined = 2 * higher < np.bincount(piece[beside], minlength=number + 1)
-    through = np.bincount(piece[edge], minlength=number + 1) > 0
-    lost = ~(through | joined)
-    lost[0] = False
-    if not through[1:].any() or not lost.any():
+    through, near, higher = (
+        np.bincount(piece[cells], minlength=number + 1) for cells in (edge, beside, beside & high)
+    )
+    ground = (through > 0) & (np.arange(number + 1) > 0)
+    if not ground.any():
         return NO_WALLS
-    off = lost[piece] | steep
+    # What begins beside the outline is behind a wall where most of it is higher; what is further
+    # away is on another level, or on that of the ground.
+    level = _off_level(z, piece, ground[piece] & ~inside)
+    lost = ~ground & np.where(near > 0, 2 * higher >= near, np.abs(level) > step)
+    lost[0] = False
+    if not lost.any():
+        return NO_WALLS
+    off = lost[piece]
+    off |= steep & ndimage.binary_dilation(off, np.ones((3, 3)), iterations=_BESIDE)
     wall = beside & high & off
     if not (wall & lost[piece]).any():
         return Walls(off)
@@ -135,6 +146,20 @@ def heights_before(
     mean = np.divide(total, count, out=np.full(window.shape, np.nan), where=known)
     spread = np.maximum(square / np.maximum(count, 1.0) - mean**2, 0.0)
     return mean + foot, np.sqrt(spread / np.maximum(count, 1.0))
+
+
+def _off_level(z: FloatArray, piece: IntArray, ground: _BOOLS) -> FloatArray:
+    """Return how far the median heights of pieces are off the plane through the ground, metres.
+
+    Parameters
+    ----------
+    piece : (ny, nx) number of each cell's piece, 0 for none. ground : (ny, nx) which cells are.
+    """
+    y, x = np.indices(z.shape, dtype=np.float64)
+    if np.count_nonzero(ground) < _LEAST_CELLS:
+        ground = piece > 0
+    plane, _ = robust_plane(x[ground], y[ground], z[ground], 1e-3)
+    return np.asarray(ndimage.median(z - plane(x, y), piece, np.arange(piece.max() + 1)))
 
 
 def _closed(z: FloatArray) -> FloatArray:

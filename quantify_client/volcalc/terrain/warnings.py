@@ -10,7 +10,10 @@ from ...types import AreaResult, Notice
 from .toe import NOT_ON_PILE, OnPile
 from .walls import NO_WALLS, Walls
 
-__all__ = ["Findings", "warnings_of"]
+__all__ = ["OUTLINE_ON_PILE", "Findings", "warnings_of"]
+
+#: The codes of warnings after which another outline is proposed.
+OUTLINE_ON_PILE = frozenset({"outline-on-pile", "outline-crosses-neighbour"})
 
 #: Above this share there is no warning about gaps.
 _FULL_SUPPORT = 0.95
