@@ -6,7 +6,7 @@ A *scene* is around the origin, metres, heights over a plane with relief (`groun
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Callable, Optional
 
 import numpy as np
@@ -16,7 +16,7 @@ from scipy.special import ndtr
 from shapely import affinity
 from shapely.geometry import Polygon, box
 from shapely.ops import substring, unary_union
-from sites import Gully, Joined, Pile, Profile, Star, integral, star
+from sites import Gully, Joined, Outline, Pile, Profile, Star, integral, star
 from surveys import Range, Rng, log_uniform
 
 from quantify_client.types import FloatArray
@@ -36,15 +36,16 @@ _LINES = 500
 
 @dataclass(frozen=True)
 class Heap:
-    """One pile, or several joined ones, over one foot that holds the origin."""
+    """One pile, or several joined ones, `top` metres high, over one foot that holds the origin."""
 
     form: Height
     foot: Polygon
+    top: float
 
     def moved(self, x: float, y: float) -> Heap:
         """Return the same at another place."""
         form = self.form
-        return Heap(lambda e, n: form(e - x, n - y), affinity.translate(self.foot, x, y))
+        return Heap(lambda e, n: form(e - x, n - y), affinity.translate(self.foot, x, y), self.top)
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,7 @@ class Scene:
     foot : outline of all that is to be measured.
     surface : height of all that points are seen on, with what is irregular in it.
     upper : the upper one of two surfaces, where there are two.
+    beside : outline of other piles, which the cloud holds, too.
     """
 
     outline: Polygon
@@ -65,6 +67,7 @@ class Scene:
     foot: Polygon
     surface: Height
     upper: Optional[Height] = None
+    beside: Outline = field(default_factory=Polygon)
 
     def truth(self, kind: str) -> float:
         """Return a volume over the true ground, m3; accurate to about 1e-4.
@@ -97,7 +100,7 @@ def random_heap(rng: Rng, tops: Range = _TOPS) -> Heap:
             bodies.append(_body(rng, top * rng.uniform(0.5, 1), tangent, x, y))
     foot = unary_union([body.shape.polygon for body in bodies])
     form = bodies[0] if len(bodies) == 1 else Joined(tuple(bodies))
-    return Heap(form, Polygon(foot.exterior))
+    return Heap(form, Polygon(foot.exterior), top)
 
 
 def _body(rng: Rng, top: float, tangent: float, x: float = 0.0, y: float = 0.0) -> Pile:
@@ -118,16 +121,20 @@ def _drawn(rng: Rng, foot: Polygon, room: Range = _ROOM) -> Polygon:
     return Polygon(foot.buffer(rng.uniform(*room), quad_segs=3).exterior)
 
 
+def _along(x: FloatArray, y: FloatArray, angle: float) -> FloatArray:
+    """Return how far places lie from the origin along a direction."""
+    return np.asarray(x * math.cos(angle) + y * math.sin(angle))
+
+
 def _half_plane(angle: float, least: float) -> Polygon:
-    """Return where x cos(angle) + y sin(angle) is at least `least`."""
+    """Return where places lie `least` or more along a direction."""
     half = box(least, -_FAR, least + 2 * _FAR, _FAR)
     return affinity.rotate(half, angle, origin=(0, 0), use_radians=True)
 
 
 def _extent(foot: Polygon, angle: float) -> Range:
     """Return how far a foot reaches along a direction, from the origin."""
-    x, y = np.array(foot.exterior.coords).T
-    along = x * math.cos(angle) + y * math.sin(angle)
+    along = _along(*np.array(foot.exterior.coords).T, angle)
     return float(along.min()), float(along.max())
 
 
@@ -144,9 +151,8 @@ def inside(distance: float) -> Maker:
 
     def make(rng: Rng, heap: Heap) -> Optional[Scene]:
         outline = heap.foot.buffer(-distance)
-        if heap.foot.buffer(-2 * distance).is_empty or not isinstance(outline, Polygon):
-            return None
-        return Scene(outline, heap.form, heap.foot, heap.form)
+        narrow = heap.foot.buffer(-2 * distance).is_empty or not isinstance(outline, Polygon)
+        return None if narrow else Scene(outline, heap.form, heap.foot, heap.form)
 
     return make
 
@@ -172,13 +178,8 @@ class Walls:
 
     def before(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the distance from the nearest wall; below zero it is in the wall or behind it."""
-        return np.min(
-            [
-                x * math.cos(angle) + y * math.sin(angle) + offset
-                for angle, offset in zip(self.angles, self.offsets)
-            ],
-            axis=0,
-        )
+        faces = zip(self.angles, self.offsets)
+        return np.asarray(np.min([_along(x, y, a) + offset for a, offset in faces], axis=0))
 
     def within(self, distance: float) -> Polygon:
         """Return the place at that distance from the walls and more."""
@@ -191,7 +192,7 @@ class Walls:
         def height(x: FloatArray, y: FloatArray) -> FloatArray:
             before = self.before(x, y)
             wall = np.where(before > -self.thickness, self.top, self.behind)
-            past = x * math.cos(self.angles[0]) + y * math.sin(self.angles[0]) > self.end
+            past = _along(x, y, self.angles[0]) > self.end
             return np.where(past, 0.0, np.where(before > 0, form(x, y), wall))
 
         return height
@@ -229,28 +230,33 @@ def bay(rng: Rng, heap: Heap) -> Optional[Scene]:
 def neighbour(rng: Rng, heap: Heap) -> Optional[Scene]:
     """Return a pile whose outline, 1.2 to 2.5 m off its foot, crosses another pile by 1 m."""
     outline, angle = _drawn(rng, heap.foot, (1.3, 2.5)), rng.uniform(0, 2 * math.pi)
-    other = _beside(rng, outline.buffer(-1.0), angle)
+    other = _beside(rng, heap, outline.buffer(-1.0), angle)
     if other is None or other.foot.intersects(heap.foot):
         return None
-    return Scene(outline, heap.form, heap.foot, Joined((heap.form, other.form)))
+    both = Joined((heap.form, other.form))
+    return Scene(outline, heap.form, heap.foot, both, beside=other.foot)
 
 
 def neighbour_deep(rng: Rng, heap: Heap) -> Optional[Scene]:
     """Return a pile whose outline holds another pile, too, up to a third of its width."""
     angle = rng.uniform(0, 2 * math.pi)
-    other = _beside(rng, heap.foot.buffer(rng.uniform(0.2, 1.0)), angle)
+    other = _beside(rng, heap, heap.foot.buffer(rng.uniform(0.2, 1.0)), angle)
     if other is None:
         return None
     near, far = _extent(other.foot, angle)
     beyond = _half_plane(angle, near + (far - near) / 3)
     parts = _drawn(rng, heap.foot), _drawn(rng, other.foot).difference(beyond)
     outline = unary_union(parts).convex_hull
-    return Scene(outline, heap.form, heap.foot, Joined((heap.form, other.form)))
+    both = Joined((heap.form, other.form))
+    return Scene(outline, heap.form, heap.foot, both, beside=other.foot)
 
 
-def _beside(rng: Rng, place: Polygon, angle: float) -> Optional[Heap]:
-    """Return another pile of 3 m width or more that just touches a place, in a direction."""
-    other = random_heap(rng, (1.0, 5.0))
+def _beside(rng: Rng, heap: Heap, place: Polygon, angle: float) -> Optional[Heap]:
+    """Return another pile that just touches a place, in a direction.
+
+    It is half as high to 1.2 times as high as the first, and 3 m wide or more.
+    """
+    other = random_heap(rng, (0.5 * heap.top, 1.2 * heap.top))
     if other.foot.buffer(-1.5).is_empty:
         return None
     east, north = math.cos(angle), math.sin(angle)
@@ -307,9 +313,8 @@ def strip(sign: float) -> Maker:
         meander, period, phase = rng.uniform(0, 1), rng.uniform(20, 60), rng.uniform(0, 2 * math.pi)
         angle, room = rng.uniform(0, math.pi), rng.uniform(0.5, 2.0)
         gully = Gully(10.0, -sign * depth, meander, period, phase, angle, profile=profile)
-        outline = gully.corridor(room, 10.0)
-        if rng.random() < 0.5:
-            outline = replace(gully, meander=0.0).corridor(room + meander, 10.0)
+        straight = replace(gully, meander=0.0).corridor(room + meander, 10.0)
+        outline = straight if rng.random() < 0.5 else gully.corridor(room, 10.0)
         return Scene(outline, gully, outline, gully)
 
     return make
@@ -321,8 +326,7 @@ def terrace(rng: Rng, heap: Heap) -> Scene:
     off = rng.uniform(0.1, 0.5) * _extent(heap.foot, angle)[1]
 
     def surface(x: FloatArray, y: FloatArray) -> FloatArray:
-        along = x * math.cos(angle) + y * math.sin(angle) - off
-        return heap.form(x, y) + 2.0 * np.clip(along / run + 0.5, 0, 1)
+        return heap.form(x, y) + 2.0 * np.clip((_along(x, y, angle) - off) / run + 0.5, 0, 1)
 
     return Scene(_drawn(rng, heap.foot), heap.form, heap.foot, surface)
 
@@ -339,7 +343,8 @@ def touching(rng: Rng, heap: Heap) -> Optional[Scene]:
         foot = star(rng, radius * rng.uniform(0.9, 1.1), x, y)
         others.append(replace(own, shape=foot, height=own.height * rng.uniform(0.8, 1.1)))
     outline = _through_saddles(own, Joined(tuple(others)), rng.uniform(*_ROOM))
-    return Scene(outline, own, outline, Joined((own, *others)))
+    beside = unary_union([other.shape.polygon for other in others])
+    return Scene(outline, own, outline, Joined((own, *others)), beside=beside)
 
 
 def _through_saddles(own: Pile, others: Height, room: float) -> Polygon:
@@ -354,29 +359,41 @@ def _through_saddles(own: Pile, others: Height, room: float) -> Polygon:
     return Polygon(np.hstack([np.take_along_axis(v, last, axis=1) for v in (x, y)]))
 
 
+@dataclass(frozen=True)
+class Tree:
+    """A crown: its middle and radius, where it begins above the ground, and how thick it is."""
+
+    x: float
+    y: float
+    radius: float
+    start: float
+    thickness: float
+
+    def __call__(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Return the height of its upper half ellipsoid, 0 beside it."""
+        away = np.hypot(x - self.x, y - self.y) / self.radius
+        crown = self.start + self.thickness * np.sqrt(np.clip(1 - away**2, 0, 1))
+        return np.where(away < 1, crown, 0.0)
+
+
 def crowns(rng: Rng, heap: Heap) -> Optional[Scene]:
-    """Return a pile with one to four tree crowns within its outline, which half of points pass."""
-    outline = _drawn(rng, heap.foot)
-    count, shown = int(rng.integers(1, 5)), rng.uniform(0.3, 0.7)
-    trees = []
-    for radius in rng.uniform(1.0, 2.5, count):
+    """Return a pile under tree crowns: a tenth to a third of its outline, all within it.
+
+    Of the points there, 30 to 70 % are on the crowns, and the others on the pile and the ground.
+    """
+    outline, shown = _drawn(rng, heap.foot), rng.uniform(0.3, 0.7)
+    trees, feet, share = [], Polygon(), rng.uniform(0.1, 1 / 3)
+    while feet.area < share * outline.area:
+        radius = rng.uniform(1.0, 2.5)
         room = outline.buffer(-radius)
         if room.is_empty or radius**2 * math.pi > outline.area / 4:
             return None
-        left, bottom, right, top = room.bounds
-        at = shapely.Point(rng.uniform(left, right), rng.uniform(bottom, top))
-        if not room.contains(at):
-            return None
-        foot, thick = float(heap.form(at.x, at.y)) + rng.uniform(2, 5), radius * rng.uniform(0.5, 1)
-        trees.append((at.x, at.y, radius, foot, thick))
-
-    def upper(x: FloatArray, y: FloatArray) -> FloatArray:
-        z = heap.form(x, y)
-        for east, north, radius, foot, thick in trees:
-            away = np.hypot(x - east, y - north) / radius
-            crown = foot + thick * np.sqrt(np.clip(1 - away**2, 0, 1))
-            z = np.where(away < 1, np.maximum(z, crown), z)
-        return z
+        x, y = (rng.uniform(low, high) for low, high in zip(room.bounds[:2], room.bounds[2:]))
+        if room.contains(shapely.Point(x, y)):
+            start = float(heap.form(x, y)) + rng.uniform(2, 5)
+            trees.append(Tree(x, y, radius, start, radius * rng.uniform(0.5, 1)))
+            feet = feet.union(shapely.Point(x, y).buffer(radius))
+    upper = Joined((heap.form, *trees))
 
     def surface(x: FloatArray, y: FloatArray) -> FloatArray:
         return np.where(rng.random(x.shape) < shown, upper(x, y), heap.form(x, y))
