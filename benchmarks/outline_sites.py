@@ -111,8 +111,7 @@ def _body(rng: Rng, top: float, tangent: float, x: float = 0.0, y: float = 0.0) 
     if rng.random() < 0.5:
         axes = math.sqrt(rng.choice([1.0, rng.uniform(1, 2)]))
         angle = 2 * np.pi * np.arange(len(shape.radii)) / len(shape.radii) - rng.uniform(0, np.pi)
-        radii = radius / np.hypot(np.cos(angle) / axes, np.sin(angle) * axes)
-        shape = Star(x, y, radii)
+        shape = Star(x, y, radius / np.hypot(np.cos(angle) / axes, np.sin(angle) * axes))
     return Pile(shape, 1.0, top, profile)
 
 
@@ -134,7 +133,8 @@ def _half_plane(angle: float, least: float) -> Polygon:
 
 def _extent(foot: Polygon, angle: float) -> Range:
     """Return how far a foot reaches along a direction, from the origin."""
-    along = _along(*np.array(foot.exterior.coords).T, angle)
+    x, y = np.array(foot.exterior.coords).T
+    along = _along(x, y, angle)
     return float(along.min()), float(along.max())
 
 
@@ -208,9 +208,9 @@ def _against(rng: Rng, heap: Heap, walls: int, retaining: bool) -> Optional[Scen
     foot = heap.foot.intersection(place.within(0.0))
     if not isinstance(outline, Polygon) or not isinstance(foot, Polygon):
         return None
-    edge = shapely.get_coordinates(foot.exterior.segmentize(0.1)).T
     # A pile does not lean on a wall that is lower than itself.
-    top = float(heap.form(*edge).max()) + rng.uniform(0.2, 1.5)
+    contact = heap.form(*shapely.get_coordinates(foot.exterior.segmentize(0.1)).T)
+    top = float(contact.max()) + rng.uniform(0.2, 1.5)
     end = _extent(outline, first)[1] + rng.uniform(0.0, 2.0)
     behind = top if retaining else -rng.uniform(0, 1.5) * (walls == 1)
     built = replace(place, top=top, thickness=rng.uniform(0.2, 0.8), behind=behind, end=end)
@@ -244,9 +244,8 @@ def neighbour_deep(rng: Rng, heap: Heap) -> Optional[Scene]:
     if other is None:
         return None
     near, far = _extent(other.foot, angle)
-    beyond = _half_plane(angle, near + (far - near) / 3)
-    parts = _drawn(rng, heap.foot), _drawn(rng, other.foot).difference(beyond)
-    outline = unary_union(parts).convex_hull
+    near_third = _drawn(rng, other.foot).difference(_half_plane(angle, near + (far - near) / 3))
+    outline = _drawn(rng, heap.foot).union(near_third).convex_hull
     both = Joined((heap.form, other.form))
     return Scene(outline, heap.form, heap.foot, both, beside=other.foot)
 
@@ -337,9 +336,9 @@ def touching(rng: Rng, heap: Heap) -> Optional[Scene]:
         return None
     own, radius = heap.form, math.sqrt(heap.foot.area / math.pi)
     # In a square or in a row; the feet overlap by a tenth to a third of the radii or so.
-    square = [[1, 0], [1, 1], [0, 1]] if rng.random() < 0.5 else [[-1, 0], [1, 0], [2, 0]]
+    middles = [[1, 0], [1, 1], [0, 1]] if rng.random() < 0.5 else [[-1, 0], [1, 0], [2, 0]]
     others = []
-    for x, y in np.array(square) * 2 * radius * rng.uniform(0.7, 0.9, (3, 1)):
+    for x, y in np.array(middles) * 2 * radius * rng.uniform(0.7, 0.9, (3, 1)):
         foot = star(rng, radius * rng.uniform(0.9, 1.1), x, y)
         others.append(replace(own, shape=foot, height=own.height * rng.uniform(0.8, 1.1)))
     outline = _through_saddles(own, Joined(tuple(others)), rng.uniform(*_ROOM))
@@ -353,8 +352,7 @@ def _through_saddles(own: Pile, others: Height, room: float) -> Polygon:
     r = np.arange(0.0, own.shape.polygon.hausdorff_distance(shapely.Point(0, 0)) + room, 0.02)
     x, y = r * np.cos(angle), r * np.sin(angle)
     z = own(x, y)
-    foot = r[np.argmax(z <= 0, axis=1)][:, None]
-    ended = (others(x, y) > z) | (r > foot + room)
+    ended = (others(x, y) > z) | (r > r[np.argmax(z <= 0, axis=1)][:, None] + room)
     last = np.where(ended.any(axis=1), ended.argmax(axis=1), len(r) - 1)[:, None]
     return Polygon(np.hstack([np.take_along_axis(v, last, axis=1) for v in (x, y)]))
 

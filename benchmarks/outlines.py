@@ -9,8 +9,8 @@ no threshold of the library was chosen on it.
     python benchmarks/outlines.py [--surveys N] [--rows NAME...] [--base NAME] [--points LOW HIGH]
                                   [--jobs N] [--seed N]
 
-Columns: surveys; refused, percent; of those measured: first warning one of the right codes (or none,
-in rows where none is due), one of the wrong ones, percent; without a warning, percent of all:
+Columns: surveys; refused, percent; of those measured: first warning one of the right codes (or
+none, in rows where none is due), one of the wrong ones, percent; without a warning, percent of all:
 *silent* where the interval does not hold the truth or the error is beyond 2 %, else *quiet*; median
 of error and of half width, percent of the truth; intervals that hold the truth of the row, and the
 volume of the pile within the outline that was drawn, percent; RMS of z = (volume - truth) / std.
@@ -38,6 +38,7 @@ from surveys import (
     Facts,
     Kind,
     Range,
+    Rng,
     Survey,
     generator,
     log_uniform,
@@ -46,7 +47,7 @@ from surveys import (
     turned_box,
 )
 
-from quantify_client.types import AreaResult
+from quantify_client.types import AreaResult, FloatArray
 from quantify_client.volcalc.terrain.base import BASES
 
 
@@ -123,6 +124,9 @@ _SMALL = 0.02
 #: Points within an outline, and of a survey.
 _FEWEST, _MOST = 300, 60_000
 
+#: Piles that are tried for a survey: about two in three fit.
+_TRIES = 1000
+
 #: Of the ground: tilt, degrees (10 %), and of points: their own noise, metres.
 _TILT, _WHITE = (0.0, math.degrees(math.atan(0.1))), (0.005, 0.03)
 
@@ -136,16 +140,7 @@ Task = Tuple[str, int, int, Range, str]
 def make_survey(name: str, number: int, seed: int, points: Range) -> Survey:
     """Return one survey of a row; its facts hold the pile's volume within the outline (m3)."""
     rng, row = generator(name, number, seed), ROWS[name]
-    while True:
-        scene = row.scene(rng, scenes.random_heap(rng))
-        if scene is None:
-            continue
-        angle, margin = rng.uniform(0, math.pi / 2), rng.uniform(5.0, 12.0)
-        corner, sides = turned_box(scene.outline.union(scene.beside), angle)
-        corner, sides = corner - margin, sides + 2 * margin
-        density = log_uniform(rng, points)
-        if scene.outline.area * density >= _FEWEST and sides.prod() * density <= _MOST:
-            break
+    scene, angle, corner, sides, density = _placed(rng, row, points)
     x, y = scattered(rng, angle, corner, sides, round(sides.prod() * density))
     facts: Facts = {"density": density, "within": scene.truth("outline")}
     kind = Kind(relief=(rng.uniform(*row.relief),), slope=_TILT)
@@ -155,6 +150,23 @@ def make_survey(name: str, number: int, seed: int, points: Range) -> Survey:
     z += white * rng.standard_normal(z.shape)
     outline = affinity.translate(scene.outline, EAST, NORTH)
     return Survey(np.stack([x + EAST, y + NORTH, z]), outline, scene.truth(row.truth), facts)
+
+
+def _placed(
+    rng: Rng, row: Row, points: Range
+) -> Tuple[scenes.Scene, float, FloatArray, FloatArray, float]:
+    """Return a scene, the angle, corner and sides of its cloud, metres, and points / m2."""
+    for _ in range(_TRIES):
+        scene = row.scene(rng, scenes.random_heap(rng))
+        if scene is None:
+            continue
+        angle, margin = rng.uniform(0, math.pi / 2), rng.uniform(5.0, 12.0)
+        corner, sides = turned_box(scene.outline.union(scene.beside), angle)
+        corner, sides = corner - margin, sides + 2 * margin
+        density = log_uniform(rng, points)
+        if scene.outline.area * density >= _FEWEST and sides.prod() * density <= _MOST:
+            return scene, angle, corner, sides, density
+    raise SystemExit(f"no pile holds {_FEWEST} points and its cloud {_MOST}: change --points")
 
 
 # --- measured
