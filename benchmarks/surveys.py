@@ -296,13 +296,26 @@ def places(rng: Rng, outline: Outline, count: int, facts: Facts) -> Tuple[FloatA
     by up to a third of the spacing; in a third of the surveys they thin out to one side, to 30 %.
     """
     angle = rng.uniform(0, math.pi / 2)
-    box_ = affinity.rotate(outline, -angle, origin=(0, 0), use_radians=True).bounds
-    sides = np.array([box_[2] - box_[0], box_[3] - box_[1]])
+    corner, sides = turned_box(outline, angle)
     narrow = rng.random() < 1 / 7
     margin = rng.uniform(1, 2) if narrow else rng.uniform(0.5, 1.2) * sides.min()
     facts["margin"] = float(margin)
-    sides = sides + 2 * margin
-    corner = np.array(box_[:2]) - margin
+    return scattered(rng, angle, corner - margin, sides + 2 * margin, count)
+
+
+def turned_box(outline: Outline, angle: float) -> Tuple[FloatArray, FloatArray]:
+    """Return the lower corner and the sides, (2,) each, of the box that holds an outline.
+
+    Its first side is turned by an angle from x, as is the frame of the corner.
+    """
+    box_ = affinity.rotate(outline, -angle, origin=(0, 0), use_radians=True).bounds
+    return np.array(box_[:2]), np.array([box_[2] - box_[0], box_[3] - box_[1]])
+
+
+def scattered(
+    rng: Rng, angle: float, corner: FloatArray, sides: FloatArray, count: int
+) -> Tuple[FloatArray, FloatArray]:
+    """Return about `count` places in a box as `turned_box` returns it, spread as in `places`."""
     if rng.random() < 0.5:
         u, v = rng.uniform(0, 1, (2, count)) * sides[:, None]
     else:
