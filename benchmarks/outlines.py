@@ -105,8 +105,12 @@ ROWS: Mapping[str, Row] = {
     "grass-all": Row(scenes.grass(True, True), known=False),
     "grass-ground": Row(scenes.grass(True, False), known=False),
     "grass-pile": Row(scenes.grass(False, True), known=False),
-    "channel-open": Row(scenes.strip(-1.0), "outline", frozenset({"outline-crosses-channel"})),
-    "dam-open": Row(scenes.strip(1.0), "outline", frozenset({"outline-crosses-ridge"})),
+    "channel-open": Row(
+        scenes.strip(-1.0), "outline", frozenset({"outline-crosses-channel"}), warned=False
+    ),
+    "dam-open": Row(
+        scenes.strip(1.0), "outline", frozenset({"outline-crosses-ridge"}), warned=False
+    ),
     "terrace": Row(scenes.terrace, "pile", _WALL),
     "touching": Row(scenes.touching, "outline", _NEIGHBOUR, (0.03, 0.03), warned=False),
     "crowns": Row(scenes.crowns, "upper", frozenset({"two-surfaces"})),
@@ -229,8 +233,8 @@ def outcome_of(task: Task) -> Outcome:
 
 
 def proposed(result: AreaResult) -> bool:
-    """Return whether a result holds another outline to use: so far, none does."""
-    return getattr(result, "proposal", None) is not None
+    """Return whether a result holds another outline to use."""
+    return result.relief is not None and result.relief.proposal_wkb is not None
 
 
 # --- tables

@@ -76,7 +76,9 @@ def test_the_check_is_over_the_mean_base_as_the_volume_is() -> None:
     known = dict.fromkeys(AreaResult.__dataclass_fields__)
     known.update(volume_m3=8.0, cut_m3=8.0, fill_m3=0.0, slices=(), budget=(), warnings=())
     known.update(checks=(Check("prisms", 7.9, 0.2),), coverage=0.5, area_m2=9.0)
-    first = Measured(AreaResult(**known), Findings(), None, 0.0, below=100.0, flanks=None)
+    first = Measured(
+        AreaResult(**known), Findings(), None, 0.0, below=100.0, flanks=None, walled=False
+    )
     result = grid_offsets._combined([first], [(Sides(8.4, 0.0, below=99.7),)])
     assert result.volume_m3 == pytest.approx(8.2)
     assert result.checks == (Check("prisms", pytest.approx(8.05), 0.2),)  # the margin of the first

@@ -12,7 +12,7 @@ from quantify_client.volcalc.terrain.accumulate import TerrainAccumulator
 from quantify_client.volcalc.terrain.grid import cell_parts
 from quantify_client.volcalc.terrain.grid_offsets import measure_area
 from quantify_client.volcalc.terrain.measure import TerrainRecipe
-from quantify_client.volcalc.terrain.walls import NO_WALLS, find_walls
+from quantify_client.volcalc.terrain.walls import find_walls
 
 from .grounds import EAST, LEVEL, NORTH, at_site, centres, ground_under
 
@@ -70,7 +70,7 @@ def test_what_loose_material_can_be_is_no_wall(slope):
         return np.clip(4 - slope * np.hypot(x, y), 0, None)
 
     walls, _ = walls_of(cone, Point(0, 0).buffer(7, 64))
-    assert walls is NO_WALLS
+    assert walls.off is None
 
 
 def test_what_is_behind_a_wall_or_far_below_is_off_the_ground():
@@ -83,7 +83,6 @@ def test_what_is_behind_a_wall_or_far_below_is_off_the_ground():
     x, _ = centres(window)
     assert walls.off[np.abs(x - 1) < 7].sum() == 0
     assert walls.off[(x < -8) | (x > 10)].all()
-    assert walls.share == 0.0
 
 
 def test_a_pit_with_walls_is_measured_from_the_ground_above():

@@ -19,7 +19,7 @@ from .integrate import above_mask, integrate_slices, slab_edges
 from .rim import Crossing, Rim, bridge_crossings
 from .surface import AreaSurface, CutFill, find_surface
 from .tin import tin_check
-from .toe import NOT_ON_PILE, Flanks, find_flanks, off_ground
+from .toe import NOT_ON_PILE, Flanks, beside_walls, find_flanks, off_ground
 from .warnings import Findings
 
 __all__ = ["Measured", "Sides", "TerrainRecipe", "measure_sides", "measure_terrain"]
@@ -58,6 +58,7 @@ class Measured:
     noise : standard deviation of a typical cell's height, metres.
     below : volume between height 0 and the base, m3.
     flanks : what stands along the outline; None where nothing does.
+    walled : whether anything around is steep.
     """
 
     result: AreaResult
@@ -66,6 +67,7 @@ class Measured:
     noise: float
     below: float
     flanks: Flanks | None
+    walled: bool
 
 
 class Sides(NamedTuple):
@@ -125,8 +127,7 @@ def measure_sides(
     SupportError
         See `measure_terrain`.
     """
-    walled = first.findings.walls.share > 0
-    surface = find_surface(polygon, points.cubes, recipe.ground_factor, walled=walled)
+    surface = find_surface(polygon, points.cubes, recipe.ground_factor, walled=first.walled)
     found = []
     for base in _bases(recipe):
         volume, _ = _cut_and_fill(base, surface, first.ground, first.noise)
@@ -188,10 +189,18 @@ def _on_base(
         unsupported_rim=0.0 if rim is None else 1.0 - rim.supported,
         relief_m=0.0 if ground is None else ground.relief,
         on_pile=NOT_ON_PILE if flanks is None else flanks.on_pile(recipe.ground_factor),
-        walls=surface.walls,
+        at_wall=(0.0, 0.0) if ground is None else beside_walls(surface, ground),
     )
     result = _result(name, volume, points, recipe)
-    return Measured(result, findings, ground, surface.noise.independent, volume.below, flanks)
+    return Measured(
+        result,
+        findings,
+        ground,
+        surface.noise.independent,
+        volume.below,
+        flanks,
+        surface.walls.steep is not None,
+    )
 
 
 def _bridged(surface: AreaSurface, rim: Rim, ground: Ground | None) -> tuple[Rim, list[Crossing]]:

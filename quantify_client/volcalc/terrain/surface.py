@@ -44,7 +44,7 @@ class AreaSurface:
     coverage : share of the area that points support.
     walls : beside the area.
     before_walls : heights of the parts inside, and their standard deviations, (ny, nx) metres, of
-        cells beside a wall; None where there is none.
+        steep cells that the outline cuts; None where there is no wall.
     ground_factor : grid length / ground length at the site.
     """
 
@@ -185,8 +185,8 @@ def find_surface(
     needed = ndimage.binary_dilation(fraction > 0, iterations=2)
     filled = fill_gaps(heights.z, reach, needed)
     walls, before_walls = find_walls(heights, fraction) if walled else NO_WALLS, None
-    if walls.beside is not None:
-        cut = walls.beside & (fraction < 1)
+    if walls.steep is not None:
+        cut = walls.steep & (fraction > 0) & (fraction < 1)
         before_walls = heights_before(polygon, cubes, heights.window, cut)
     return AreaSurface(
         polygon,

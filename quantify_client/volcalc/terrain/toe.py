@@ -22,6 +22,7 @@ from .ground import Ground
 from .histogram import Cubes
 from .rim import Rim
 from .surface import AreaSurface
+from .walls import WALL_CELLS
 
 __all__ = [
     "NOT_ON_PILE",
@@ -49,6 +50,10 @@ _NEAR = 2
 #: Half of the width, in cells, of the strip along the outline in which it is known how high the
 #: terrain is there: on an even flank the mean is that at the outline.
 _STRIP = 0.25
+
+#: A wall is seen within so many cells of an outline beside it: its foot may be two cells off, and a
+#: step is spread over two.
+_BESIDE = 4
 
 #: A proposed outline is so many cells beyond the toe, which is within a cell of where it is seen.
 _CLEAR = 1.0
@@ -243,6 +248,26 @@ def polygonal(geometry: BaseGeometry) -> Polygon | MultiPolygon:
     """Return the polygons of any geometry, without points and lines where parts touch."""
     parts = [part for part in shapely.get_parts(geometry) if isinstance(part, Polygon)]
     return parts[0] if len(parts) == 1 else MultiPolygon(parts)
+
+
+def beside_walls(surface: AreaSurface, ground: Ground) -> tuple[float, float]:
+    """Return the share of the outline that is beside a wall, and how high that is, metres."""
+    steep, window, inside = surface.walls.steep, surface.heights.window, surface.inside
+    if steep is None:
+        return 0.0, 0.0
+    near = ndimage.binary_dilation(inside, np.ones((3, 3)), iterations=_BESIDE) & ~inside
+    over = np.full(window.shape, -np.inf)
+    over[near] = surface.heights.z[near] - ground.heights_beyond(*window.middles(near))
+    wall = over > WALL_CELLS * window.cell
+    if not (wall & steep).any():
+        return 0.0, 0.0
+    edge = inside & ~ndimage.binary_erosion(inside, np.ones((3, 3)))
+    walled = edge & (ndimage.distance_transform_edt(~wall) <= _BESIDE / 2.0)
+    if not walled.any():
+        return 0.0, 0.0
+    top = ndimage.maximum_filter(over, 2 * _BESIDE + 1)
+    share = np.count_nonzero(walled) / np.count_nonzero(edge)
+    return share, float(np.median(top[walled]))
 
 
 def off_ground(surface: AreaSurface, rim: Rim, ground: Ground) -> _BOOLS:

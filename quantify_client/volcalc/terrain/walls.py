@@ -1,8 +1,8 @@
 """Walls and banks beside an area: the ground above them is not what a pile at their foot stands on.
 
 Where the terrain is steeper than loose material stands it is cut into pieces, joined only where
-there is a way around. The pieces that the outline passes through are the ground of the area, and
-those just beyond it, unless they are higher: these are behind a wall.
+there is a way around the area. The piece that most of the outline touches is the ground, and so are
+others at its level. A higher piece is behind a wall, unless the area reaches over to it.
 """
 
 from __future__ import annotations
@@ -13,22 +13,22 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 from scipy import ndimage
-from shapely.geometry import MultiPolygon, Polygon
+from shapely.geometry import MultiPoint, MultiPolygon, Polygon
 
-from ...types import FloatArray, IntArray
+from ...types import FloatArray
 from .grid import CellWindow
 from .heights import CellHeights
 from .histogram import Cubes
 from .robust import robust_plane
 
-__all__ = ["NO_WALLS", "Walls", "find_walls", "heights_before"]
+__all__ = ["NO_WALLS", "WALL_CELLS", "Walls", "find_walls", "heights_before"]
 
 #: Tangent of the steepest slope of loose material: the angle of repose is 25 to 40 degrees for
 #: sand, gravel and crushed rock (Carrigy 1970), and no more than 45 for any.
 _STEEPEST = 1.0
 
-#: And a slope is steep that noise hardly makes of the terrain around: of a normal slope's two
-#: components, together beyond so many standard deviations in one of 10^6 cells.
+#: And a slope is steep that noise hardly makes: a normal variable is off by more than so many
+#: standard deviations once in 10^7.
 _SURE = 5.3
 
 #: Median absolute deviation of a normal variable of variance 1.
@@ -38,6 +38,12 @@ _MAD = 0.6745
 #: and the outline may be a cell off.
 _BESIDE = 4
 
+#: A wall rises by so many cells: more than the steepest slope does from one cell to the next.
+WALL_CELLS = _STEEPEST
+
+#: An area reaches over to a piece that has this share of it in its convex hull.
+_REACHES = 0.1
+
 #: With fewer cells there is no plane to tell of.
 _LEAST_CELLS = 12
 
@@ -45,22 +51,17 @@ _BOOLS = npt.NDArray[np.bool_]
 
 
 class Walls(NamedTuple):
-    """What is cut off from the ground of an area.
+    """Steep places, and what they cut off from the ground of an area.
 
     Attributes
     ----------
-    off : (ny, nx) cells that are no ground of it: walls, what is behind them, and other levels;
-        None without any.
-    beside : (ny, nx) cells inside, along the outline, that are beside a wall which rises outwards;
-        None without any.
-    share : of the outline beside such a wall.
-    height : by which the terrain rises there within a few cells, median, metres.
+    steep : (ny, nx) cells that are steeper than loose material; None without any.
+    off : (ny, nx) cells that are no ground of the area: what is behind walls, other levels, and the
+        walls themselves; None without any.
     """
 
+    steep: _BOOLS | None = None
     off: _BOOLS | None = None
-    beside: _BOOLS | None = None
-    share: float = 0.0
-    height: float = 0.0
 
 
 NO_WALLS = Walls()
@@ -74,44 +75,45 @@ def find_walls(heights: CellHeights, fraction: FloatArray) -> Walls:
     heights : of the cells of a window around it.
     fraction : (ny, nx) share of each cell inside the area.
     """
-    inside = fraction > 0
+    cell, inside = heights.window.cell, fraction > 0
     steps = (np.abs(np.diff(heights.z, axis=axis)) for axis in (0, 1))
-    # No cell is steep without a step of this height; unknown ones compare as lower.
-    if not any((step > _STEEPEST / 2.0 * heights.window.cell).any() for step in steps):
+    # Unknown heights compare as lower; across gaps there is a step only if there is one elsewhere.
+    if not any((step > _STEEPEST * cell).any() for step in steps):
         return NO_WALLS
     z = _closed(heights.z)
-    steep = _steep(z, heights.window.cell, ~inside)
+    steep = _steep(z, cell)
     if not steep.any():
         return NO_WALLS
-    edge = inside & ~ndimage.binary_erosion(inside, np.ones((3, 3)))
-    beside = (ndimage.distance_transform_edt(~edge) <= _BESIDE) & ~inside
-    around = 2 * _BESIDE + 1
-    rise = z - ndimage.minimum_filter(np.where(edge, z, np.inf), around)
-    step = 2.0 * _STEEPEST * heights.window.cell
-    high = rise > step
-    piece, number = ndimage.label(~steep)
-    through, near, higher = (
-        np.bincount(piece[cells], minlength=number + 1) for cells in (edge, beside, beside & high)
+    piece, number = ndimage.label(~steep & ~inside)
+    away = ndimage.distance_transform_edt(~inside)
+    touching, near = (
+        np.bincount(piece[(away > 0) & (away <= cells)], minlength=number + 1)
+        for cells in (1.5, _BESIDE)
     )
-    ground = (through > 0) & (np.arange(number + 1) > 0)
-    if not ground.any():
-        return NO_WALLS
-    # What begins beside the outline is behind a wall where most of it is higher; what is further
-    # away is on another level, or on that of the ground.
-    level = _off_level(z, piece, ground[piece] & ~inside)
-    lost = ~ground & np.where(near > 0, 2 * higher >= near, np.abs(level) > step)
-    lost[0] = False
-    if not lost.any():
-        return NO_WALLS
+    touching[0] = near[0] = 0
+    if not touching.any():
+        return Walls(steep)
+    main = int(touching.argmax())
+    mostly = 2 * touching[main] > np.count_nonzero((away > 0) & (away <= 1.5))
+    piece[~np.isfinite(heights.z)] = 0
+    off_plane = _off_plane(z, piece == main)
+    level = np.nan_to_num(ndimage.median(off_plane, piece, np.arange(number + 1)))
+    # What begins below an outline that touches little ground may be the ground that it is on.
+    lost = np.where((near > 0) & ~mostly, level, np.abs(level)) > WALL_CELLS * cell
+    lost[[0, main]] = False
+    for k in np.flatnonzero(lost & (touching > 0)):
+        lost[k] = not _reaches_over(inside, piece == k)
     off = lost[piece]
-    off |= steep & ndimage.binary_dilation(off, np.ones((3, 3)), iterations=_BESIDE)
-    wall = beside & high & off
-    if not (wall & lost[piece]).any():
-        return Walls(off)
-    walled = edge & (ndimage.distance_transform_edt(~wall) <= _BESIDE / 2.0)
-    share = np.count_nonzero(walled) / np.count_nonzero(edge)
-    top = ndimage.maximum_filter(np.where(wall, rise, 0.0), around)
-    return Walls(off, walled, share, float(np.median(top[walled])))
+    beside = ndimage.binary_dilation(off, np.ones((3, 3)), iterations=_BESIDE)
+    off |= steep & ~inside & (beside | (np.abs(off_plane) > WALL_CELLS * cell))
+    return Walls(steep, off if off.any() else None)
+
+
+def _reaches_over(inside: _BOOLS, piece: _BOOLS) -> bool:
+    """Return whether an area lies on a piece of ground, too, and not only beside it."""
+    hull = MultiPoint(np.argwhere(piece)).convex_hull
+    row, column = np.nonzero(inside)
+    return bool(shapely.contains_xy(hull, row, column).mean() > _REACHES)
 
 
 def heights_before(
@@ -148,18 +150,14 @@ def heights_before(
     return mean + foot, np.sqrt(spread / np.maximum(count, 1.0))
 
 
-def _off_level(z: FloatArray, piece: IntArray, ground: _BOOLS) -> FloatArray:
-    """Return how far the median heights of pieces are off the plane through the ground, metres.
-
-    Parameters
-    ----------
-    piece : (ny, nx) number of each cell's piece, 0 for none. ground : (ny, nx) which cells are.
-    """
-    y, x = np.indices(z.shape, dtype=np.float64)
+def _off_plane(z: FloatArray, ground: _BOOLS) -> FloatArray:
+    """Return how far heights are off the plane through those of some cells, all (ny, nx)."""
     if np.count_nonzero(ground) < _LEAST_CELLS:
-        ground = piece > 0
+        return np.zeros(z.shape)
+    index: FloatArray = np.indices(z.shape).astype(np.float64)
+    y, x = index[0], index[1]
     plane, _ = robust_plane(x[ground], y[ground], z[ground], 1e-3)
-    return np.asarray(ndimage.median(z - plane(x, y), piece, np.arange(piece.max() + 1)))
+    return np.asarray(z - plane(x, y))
 
 
 def _closed(z: FloatArray) -> FloatArray:
@@ -170,10 +168,15 @@ def _closed(z: FloatArray) -> FloatArray:
     return np.asarray(z[tuple(nearest)])
 
 
-def _steep(z: FloatArray, cell: float, around: _BOOLS) -> _BOOLS:
-    """Return which cells are steeper than loose material, and than noise makes ground `around`."""
-    slope = np.stack([np.gradient(z, cell, axis=axis) for axis in (0, 1)])
-    level = np.median(slope[:, around], axis=1)[:, None, None]
-    scatter = np.median(np.abs(slope - level)[:, around]) / _MAD
-    unlikely = np.hypot(*(slope - level)) > _SURE * scatter
-    return np.asarray(unlikely & (np.hypot(*slope) > _STEEPEST))
+def _steep(z: FloatArray, cell: float) -> _BOOLS:
+    """Return which cells are beside one to which it is steeper than loose material or noise."""
+    steep = np.zeros(z.shape, dtype=bool)
+    for heights, marked in ((z, steep), (z.T, steep.T)):
+        slope = np.diff(heights, axis=0) / cell
+        level = float(np.median(slope))
+        scatter = float(np.median(np.abs(slope - level))) / _MAD
+        wall = (np.abs(slope - level) > _SURE * scatter) & (np.abs(slope) > _STEEPEST)
+        # Both cells.
+        marked[1:] |= wall
+        marked[:-1] |= wall
+    return steep

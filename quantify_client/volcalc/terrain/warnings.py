@@ -8,7 +8,6 @@ from typing import Iterator, Tuple
 
 from ...types import AreaResult, Notice
 from .toe import NOT_ON_PILE, OnPile
-from .walls import NO_WALLS, Walls
 
 __all__ = ["OUTLINE_ON_PILE", "Findings", "warnings_of"]
 
@@ -38,7 +37,7 @@ class Findings:
     unsupported_rim : share of the outline without points near, where the base depends on it.
     relief_m : RMS of the ground's heights around the area about a plane.
     on_pile : which shares of the outline lie on a pile.
-    walls : beside the outline.
+    at_wall : share of the outline beside a wall, and the height of that, metres.
     """
 
     crossings: Tuple[Tuple[float, float], ...] = ()
@@ -46,7 +45,7 @@ class Findings:
     unsupported_rim: float = 0.0
     relief_m: float = 0.0
     on_pile: OnPile = NOT_ON_PILE
-    walls: Walls = NO_WALLS
+    at_wall: Tuple[float, float] = (0.0, 0.0)
 
 
 def warnings_of(result: AreaResult, findings: Findings, *, compared: bool) -> Iterator[Notice]:
@@ -56,9 +55,8 @@ def warnings_of(result: AreaResult, findings: Findings, *, compared: bool) -> It
     ----------
     compared : whether the result stands beside those on other bases.
     """
+    yield from _of_walls(*findings.at_wall)
     yield from _of_piles(findings.on_pile, (result.volume_m3 or 0.0) < 0, result.std_m3 or 0.0)
-    if isinstance(result.base, str):
-        yield from _of_walls(findings.walls)
     yield from _of_crossings(findings, compared)
     if result.coverage is not None and result.coverage < _FULL_SUPPORT:
         yield Notice(
@@ -119,15 +117,15 @@ def _of_piles(found: OnPile, pit: bool, std: float) -> Iterator[Notice]:
         )
 
 
-def _of_walls(walls: Walls) -> Iterator[Notice]:
-    if walls.share > _ON_PILE:
+def _of_walls(share: float, height: float) -> Iterator[Notice]:
+    if share > _ON_PILE:
         yield Notice(
             "outline-at-wall",
-            f"{walls.share:.0%} of the outline run along a wall or bank of about "
-            f"{walls.height:.2g} m: the base comes from the ground along the rest; for a pit with "
+            f"{share:.0%} of the outline run along a wall or bank of about "
+            f"{height:.2g} m: the base comes from the ground along the rest; for a pit with "
             "walls, draw the outline on the ground above them",
-            share=walls.share,
-            height_m=walls.height,
+            share=share,
+            height_m=height,
         )
 
 
