@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, Optional, Sequence, Union
 
 import numpy as np
+import numpy.typing as npt
 from scipy import ndimage
 from shapely.geometry import MultiPolygon, Polygon
 
@@ -19,7 +20,7 @@ from .integrate import above_mask, integrate_slices, slab_edges
 from .rim import Crossing, Rim, bridge_crossings
 from .surface import AreaSurface, CutFill, find_surface
 from .tin import tin_check
-from .toe import NOT_ON_PILE, Flanks, beside_walls, find_flanks, off_ground
+from .toe import NOT_ON_PILE, Flanks, beside_walls, find_flanks, off_ground, on_flanks
 from .warnings import Findings
 
 __all__ = ["Measured", "Sides", "TerrainRecipe", "measure_sides", "measure_terrain"]
@@ -99,17 +100,12 @@ def measure_terrain(
         When points support less than half of the area.
     """
     surface = find_surface(polygon, points.cubes, recipe.ground_factor)
-    ground = None
+    ground, flanks = None, None
     if isinstance(recipe.base, str):
-        ground = find_ground(
-            polygon,
-            surface.heights,
-            surface.fraction,
-            points.around,
-            beyond=_BEYOND,
-            off=surface.walls.off,
-        )
-    return tuple(_on_base(name, base, surface, ground, points, recipe) for base in _bases(recipe))
+        ground, flanks = _ground(surface, points)
+    return tuple(
+        _on_base(name, base, surface, ground, flanks, points, recipe) for base in _bases(recipe)
+    )
 
 
 def measure_sides(
@@ -176,12 +172,13 @@ def _on_base(
     base_name: Union[str, float],
     surface: AreaSurface,
     ground: Ground | None,
+    flanks: Flanks | None,
     points: AreaPoints,
     recipe: TerrainRecipe,
 ) -> Measured:
     """Return the result of one area on one base."""
     volume, crossings = _cut_and_fill(base_name, surface, ground, surface.noise.cell)
-    rim, flanks = volume.base.rim, _flanks(volume, points)
+    rim = volume.base.rim
     lost = surface.fraction[surface.inside & ~np.isfinite(surface.filled)].sum()
     findings = Findings(
         crossings=tuple((one.height, one.length / recipe.ground_factor) for one in crossings),
@@ -215,12 +212,27 @@ def _bridged(surface: AreaSurface, rim: Rim, ground: Ground | None) -> tuple[Rim
     return bridged, crossings
 
 
-def _flanks(volume: CutFill, points: AreaPoints) -> Flanks | None:
-    """Return what stands along the outline, for a base that is ground."""
-    if volume.ground is None or not isinstance(volume.base.name, str):
-        return None
-    net = float((volume.surface.a * np.nan_to_num(volume.r)).sum())
-    return find_flanks(volume.surface, volume.ground, points.cubes, _BEYOND, net)
+def _ground(surface: AreaSurface, points: AreaPoints) -> tuple[Ground | None, Flanks | None]:
+    """Return the predicted ground, and what stands on it along the outline, if anything does."""
+
+    def found(off: npt.NDArray[np.bool_] | None) -> Ground | None:
+        return find_ground(
+            surface.polygon,
+            surface.heights,
+            surface.fraction,
+            points.around,
+            beyond=_BEYOND,
+            off=off,
+        )
+
+    ground = found(surface.walls.off)
+    flanks = None if ground is None else find_flanks(surface, ground, points.cubes, _BEYOND)
+    if flanks is None or not flanks.falls.any():
+        return ground, flanks
+    # The flank between outline and toe is no ground.
+    off = on_flanks(surface, flanks)
+    ground = found(off if surface.walls.off is None else off | surface.walls.off)
+    return ground, flanks
 
 
 def _result(name: str, volume: CutFill, points: AreaPoints, recipe: TerrainRecipe) -> AreaResult:

@@ -7,7 +7,7 @@ something else. Below the ground, of pits, all is turned over.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,7 @@ from ...types import FloatArray
 from .ground import Ground
 from .histogram import Cubes
 from .rim import Rim
+from .robust import MAD
 from .surface import AreaSurface
 from .walls import WALL_CELLS
 
@@ -31,6 +32,7 @@ __all__ = [
     "find_flanks",
     "moved_to_toe",
     "off_ground",
+    "on_flanks",
     "polygonal",
 ]
 
@@ -46,6 +48,13 @@ _ALONG = 5
 
 #: Whether it goes up or down outwards is seen between so many cells on either side.
 _NEAR = 2
+
+#: The ground near an outline is looked at so many cells further out: beyond the toe where that is
+#: a cell or two away.
+_GROUND_CELLS = slice(3, 9)
+
+#: The flank inside is looked at between so many cells; its steepest slope counts.
+_FLANK_CELLS = slice(1, 5)
 
 #: Half of the width, in cells, of the strip along the outline in which it is known how high the
 #: terrain is there: on an even flank the mean is that at the outline.
@@ -125,33 +134,40 @@ class Flanks(NamedTuple):
         )
 
 
-def find_flanks(
-    surface: AreaSurface, ground: Ground, cubes: Cubes, reach: int, net: float
-) -> Flanks | None:
+def find_flanks(surface: AreaSurface, ground: Ground, cubes: Cubes, reach: int) -> Flanks | None:
     """Return what stands along the outline; None where nothing does.
 
     Parameters
     ----------
     ground : goes on `reach` cells beyond the area.
     cubes : from `fit_cells`.
-    net : volume: below zero, what is measured is a pit.
     """
     rim = surface.rim
     if rim is None:
         return None
-    sign, limit, steps = 1.0 if net >= 0 else -1.0, _limit(rim, ground), np.arange(reach + 1)
-    outwards = sign * _outwards(surface, rim, ground, steps)
-    above, beside = (
-        np.where(np.isfinite(seen), sign * seen, outwards[:, 0])
-        for seen in _at_outline(surface, rim, ground, cubes)
+    over = surface.filled[surface.inside] - ground.heights(
+        *surface.heights.window.middles(surface.inside)
     )
-    on = beside > limit
+    # A volume below zero is that of a pit.
+    sign = 1.0 if np.nansum(over * surface.a[surface.inside]) >= 0 else -1.0
+    steps = np.arange(reach + 1)
+    outwards = _outwards(surface, rim, ground, steps)
+    off, limit = _near_ground(outwards, _limit(rim, ground))
+    outwards = sign * (outwards - off[:, None])
+    inwards = sign * (_outwards(surface, rim, ground, -steps) - off[:, None])
+    above, beside, error = _at_outline(surface, rim, ground, cubes)
+    above, beside = (
+        np.where(np.isfinite(seen), sign * (seen - off), outwards[:, cell])
+        for cell, seen in enumerate((above, beside))
+    )
+    # With its toe at the outline a flank of this slope would be so high in the strip, on average.
+    slope = np.nan_to_num(np.diff(inwards[:, _FLANK_CELLS], axis=1)).max(axis=1, initial=0.0)
+    on = np.maximum(beside, above - slope * _STRIP / 4.0) > np.hypot(limit, _SURE * error)
     if not on.any():
         return None
     goes_on = on & _goes_on(surface, rim, ground, reach, sign)
     if 2.0 * rim.length[goes_on].sum() < rim.length.sum():
         on &= ~goes_on
-    inwards = sign * _outwards(surface, rim, ground, -steps)
     outer, inner = (np.column_stack([above, side[:, 1:]]) for side in (outwards, inwards))
     # Where either is not known it is taken to go down.
     up = outer[:, _NEAR] > inner[:, _NEAR]
@@ -168,6 +184,30 @@ def find_flanks(
     valley, at_valley = _down(inner, limit)
     way = np.select([falls, rises], [toe, -valley]) * surface.heights.window.cell
     return Flanks(rim, above, falls, rises, way, np.where(rises, at_valley, ended))
+
+
+def _near_ground(outwards: FloatArray, limit: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return how far the ground near each rim point is off what was predicted, and a nearer limit.
+
+    The ground a few cells further out is seen. What it is off by there it is at the outline, but
+    for its scatter about that.
+
+    Parameters
+    ----------
+    outwards : (M, K) heights over the predicted ground at 0, 1 .. K - 1 cells outwards.
+    limit : (M,) up to which it is ground, and that is known no better where too little is seen.
+    """
+    near = outwards[:, _GROUND_CELLS]
+    ground = np.abs(near) <= limit[:, None]
+    enough = 2 * np.count_nonzero(ground, axis=1) > near.shape[1]
+    if not enough.any():
+        return np.zeros(len(limit)), limit
+    some = np.where(ground, near, np.nan)[enough]
+    level = np.nanmedian(some, axis=1)
+    off = np.zeros(len(limit))
+    off[enough] = level
+    scatter = MAD * float(np.nanmedian(np.abs(some - level[:, None])))
+    return off, np.where(enough, np.minimum(limit, _SURE * scatter), limit)
 
 
 def _down(heights: FloatArray, limit: FloatArray) -> tuple[FloatArray, _BOOLS]:
@@ -211,17 +251,25 @@ def moved_to_toe(
     way = np.where(flanks.falls, flanks.way + _CLEAR * cell, flanks.way) * flanks.seen
     if not way.any():
         return None
-    rim, (east, north) = flanks.rim, _normals(flanks.rim)
-    moved = polygon
-    for side in (1.0, -1.0):
-        there = np.maximum(side * way, 0.0) * side
-        strips = _strips(rim, rim.x + there * east, rim.y + there * north, there != 0.0)
-        moved = moved.union(strips) if side > 0 else moved.difference(strips)
-    return _plain(moved, polygon, cell)
+    moved = polygon.union(_strips(flanks.rim, np.maximum(way, 0.0)))
+    return _plain(moved.difference(_strips(flanks.rim, np.minimum(way, 0.0))), polygon, cell)
 
 
-def _strips(rim: Rim, x: FloatArray, y: FloatArray, some: _BOOLS) -> Polygon | MultiPolygon:
-    """Return what is between the rim and other places (M,), beside some of its points."""
+def on_flanks(surface: AreaSurface, flanks: Flanks) -> _BOOLS:
+    """Return which cells outside of the area are on the pile, up to its toe, (ny, nx)."""
+    window = surface.heights.window
+    strips = _strips(flanks.rim, flanks.falls * (flanks.way + _CLEAR * window.cell))
+    found: _BOOLS = np.zeros(window.shape, dtype=bool)
+    found[~surface.inside] = shapely.contains_xy(strips, *window.middles(~surface.inside))
+    return found
+
+
+def _strips(rim: Rim, way: FloatArray) -> Polygon | MultiPolygon:
+    """Return what is between the rim and so many metres (M,) outwards of its points."""
+    if not way.any():
+        return Polygon()
+    east, north = _normals(rim)
+    x, y, some = rim.x + way * east, rim.y + way * north, way != 0.0
     quads = []
     for part in np.unique(rim.part):
         ring = np.flatnonzero(rim.part == part)
@@ -368,8 +416,10 @@ def _at_walls(surface: AreaSurface, rim: Rim, steps: npt.NDArray[np.int64]) -> _
 
 def _at_outline(
     surface: AreaSurface, rim: Rim, ground: Ground, cubes: Cubes
-) -> tuple[FloatArray, FloatArray]:
-    """Return heights over the ground at rim points and just outside of these, both (M,).
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return heights over the ground at rim points, just outside of these, and the latter's error.
+
+    All are (M,), metres; the error is that of the points' white noise.
 
     Cells at the outline say the mean of more than a cell around: a flank that ends within them is
     seen in cubes.
@@ -384,21 +434,36 @@ def _at_outline(
     _, at = cKDTree(np.column_stack([rim.x, rim.y])).query(np.column_stack([x, y]))
     east, north = _normals(rim)
     off = (x - rim.x[at]) * east[at] + (y - rim.y[at]) * north[at]
+    # At a corner no normal says what is outside.
+    off[_corners(rim)[at]] = np.inf
     count, strip = cubes.count[near], _STRIP * window.cell
     z = cubes.bin[near] * cubes.cell + cubes.inside[near] / count * cubes.quantum
     over = z - ground.heights(x, y)
 
-    def mean_of(some: _BOOLS) -> FloatArray:
-        total, number = (
-            np.bincount(at[some], weight[some], len(rim.x)).astype(np.float64)[:, None]
-            for weight in (count * over, count)
-        )
-        return np.asarray(_along_rings(total, number, rim.part)[:, 0])
+    def of_points(weight: npt.NDArray[Any], some: _BOOLS) -> FloatArray:
+        sums = np.bincount(at[some], weight[some], len(rim.x)).astype(np.float64)
+        return np.asarray(sums[:, None])
 
-    # Just outside are cubes that the outline does not cut; at a corner no normal says which.
+    # Just outside are cubes that the outline does not cut.
     beside = (off >= cubes.cell / 2.0) & (off <= 2.0 * strip)
-    beside[beside] = ~shapely.contains_xy(surface.polygon, x[beside], y[beside])
-    return mean_of(np.abs(off) <= strip), mean_of(beside)
+    heights = [
+        _along_rings(of_points(count * over, some), of_points(count, some), rim.part)[:, 0]
+        for some in (np.abs(off) <= strip, beside)
+    ]
+    one = np.ones((len(rim.x), 1))
+    held = _ALONG * _along_rings(of_points(count, beside), one, rim.part)[:, 0]
+    error = float(np.median(surface.noise.point)) / np.sqrt(np.maximum(held, 1.0))
+    return heights[0], heights[1], np.asarray(error)
+
+
+def _corners(rim: Rim) -> _BOOLS:
+    """Return at which rim points (M,) the outline turns by more than 45 degrees."""
+    normals, sharp = _normals(rim), np.zeros(len(rim.x), dtype=bool)
+    for part in np.unique(rim.part):
+        ring = rim.part == part
+        turn = (normals[:, ring] * np.roll(normals[:, ring], 1, axis=1)).sum(axis=0)
+        sharp[ring] = turn < np.sqrt(0.5)
+    return sharp
 
 
 def _along_rings(total: FloatArray, count: FloatArray, part: npt.NDArray[np.int64]) -> FloatArray:
