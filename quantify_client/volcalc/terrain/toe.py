@@ -152,7 +152,8 @@ def find_flanks(surface: AreaSurface, ground: Ground, cubes: Cubes, reach: int) 
     sign = 1.0 if np.nansum(over * surface.a[surface.inside]) >= 0 else -1.0
     steps = np.arange(reach + 1)
     outwards = _outwards(surface, rim, ground, steps)
-    off, limit = _near_ground(outwards, _limit(rim, ground))
+    sure = _limit(rim, ground)
+    off, limit = _near_ground(outwards, sure)
     outwards = sign * (outwards - off[:, None])
     inwards = sign * (_outwards(surface, rim, ground, -steps) - off[:, None])
     above, beside, error = _at_outline(surface, rim, ground, cubes)
@@ -165,13 +166,14 @@ def find_flanks(surface: AreaSurface, ground: Ground, cubes: Cubes, reach: int) 
     on = np.maximum(beside, above - slope * _STRIP / 4.0) > np.hypot(limit, _SURE * error)
     if not on.any():
         return None
-    goes_on = on & _goes_on(surface, rim, ground, reach, sign)
+    goes_on = on & _goes_on(surface, rim, ground, reach, sign * float(np.median(sure)))
     if 2.0 * rim.length[goes_on].sum() < rim.length.sum():
         on &= ~goes_on
     outer, inner = (np.column_stack([above, side[:, 1:]]) for side in (outwards, inwards))
     # Where either is not known it is taken to go down.
     up = outer[:, _NEAR] > inner[:, _NEAR]
-    outer = np.where(_at_walls(surface, rim, steps), np.inf, outer)
+    if sign > 0:
+        outer = np.where(_at_walls(surface, rim, steps), np.inf, outer)
     toe, ended = _down(outer, limit)
     # Of what goes up, a good deal more than its height at the outline.
     highest = np.where(np.isfinite(outer), outer, -np.inf).max(axis=1)
@@ -327,20 +329,24 @@ def off_ground(surface: AreaSurface, rim: Rim, ground: Ground) -> _BOOLS:
     return np.asarray(np.abs(over[:, 0]) > _limit(rim, ground))
 
 
-def _goes_on(surface: AreaSurface, rim: Rim, ground: Ground, reach: int, sign: float) -> _BOOLS:
+def _goes_on(surface: AreaSurface, rim: Rim, ground: Ground, reach: int, limit: float) -> _BOOLS:
     """Return beside which rim points (M,) something goes on for `reach` cells: a channel, a dam.
 
     Or as far as the cloud goes, and however it winds: what is off the ground is followed from cell
     to cell.
+
+    Parameters
+    ----------
+    limit : what is higher over the ground than this goes on; below zero, what is lower.
     """
     window = surface.heights.window
     away = ndimage.distance_transform_edt(~surface.inside)
     outside = (away > 0) & (away <= reach)
     over = np.full(window.shape, np.nan)
-    if surface.walls.off is not None:
+    if surface.walls.off is not None and limit > 0:
         outside &= ~surface.walls.off
     over[outside] = surface.heights.z[outside] - ground.heights_beyond(*window.middles(outside))
-    label, _ = ndimage.label(sign * over > float(np.median(_limit(rim, ground))), np.ones((3, 3)))
+    label, _ = ndimage.label(over > limit if limit > 0 else over < limit, np.ones((3, 3)))
     unseen = ndimage.binary_opening(outside & ~np.isfinite(over), np.ones((3, 3)))
     last = (away > reach - 1.5) | ndimage.binary_dilation(unseen, np.ones((7, 7)))
     far = (label > 0) & np.isin(label, label[last])
