@@ -20,7 +20,15 @@ from shapely.geometry import MultiPolygon, Polygon
 
 from ...types import FloatArray, IntArray, Window
 from .grid import CellWindow, cell_parts
-from .heights import LAYER_GAP_CELLS, LOWER, MARGIN, UPPER, cell_window, on_surface
+from .heights import (
+    LAYER_GAP_CELLS,
+    LOWER,
+    MARGIN,
+    MOST_BLOCK,
+    UPPER,
+    cell_window,
+    on_surface,
+)
 from .histogram import Cubes, run_starts, sorting_order
 
 __all__ = ["NO_LAYERS", "Layers", "find_layers"]
@@ -89,8 +97,12 @@ def find_layers(cubes: Cubes, polygon: Polygon | MultiPolygon) -> tuple[Cubes, L
     place = np.flatnonzero(window.holds(row, column))
     flat, good = row[place] * window.nx + column[place], ~cubes.outlying[place]
     low, high = _range_of_cells(cubes.bin[place[good]], flat[good], window)
-    if (high - low).max() <= _gap_of(cubes):
+    tall = high - low > _gap_of(cubes)
+    if not tall.any():
         return cubes, NO_LAYERS
+    # Whole blocks of `on_surface` beyond the squares around each.
+    some = ndimage.maximum_filter(tall, 2 * MOST_BLOCK + _AROUND).ravel()[flat]
+    place, flat, good = place[some], flat[some], good[some]
     near = cubes.select(place)
     good &= on_surface(near, column[place], row[place], window)
     seen = _Seen.of(near.select(good), flat[good], window)
