@@ -22,6 +22,7 @@ from ...types import FloatArray, IntArray, Window
 from .grid import CellWindow, cell_parts
 from .heights import (
     LAYER_GAP_CELLS,
+    LAYER_SHARE,
     LOWER,
     MARGIN,
     MOST_BLOCK,
@@ -147,10 +148,9 @@ class _Seen:
     upper : (M,) cubes of the upper layer; those of cells without a gap are held against that of the
         nearest cell with one.
     found : (ny, nx) cells with a gap between two layers.
-    points : (C,) cubes of the rarer layer in the 5 x 5 cells around each of these.
+    every, points : (C,) cubes in the 5 x 5 cells around each of these; those of the rarer layer.
     mixed : (C,) of them, those whose nearest is of the other layer; less than one for one that has
         several as near.
-    share : (C,) share of them that a wall or a box makes such, at most.
     """
 
     cubes: Cubes
@@ -158,9 +158,14 @@ class _Seen:
     window: CellWindow
     upper: _BOOLS
     found: _BOOLS
+    every: FloatArray
     points: FloatArray
     mixed: FloatArray
-    share: FloatArray
+
+    @property
+    def share(self) -> FloatArray:
+        """(C,) share of the rarer layer whose nearest is of the other one by a wall, at most."""
+        return np.asarray(_MIXED * (self.every - self.points) / (self.every - 1.0))
 
     @classmethod
     def of(cls, cubes: Cubes, flat: IntArray, window: CellWindow) -> _Seen:
@@ -178,13 +183,13 @@ class _Seen:
         rarer = np.argmin(number, axis=0)[None]
         points, mixed = (np.take_along_axis(each, rarer, 0)[0] for each in (number, unlike))
         every = number.sum(axis=0)
-        share = _MIXED * (every - points) / (every - 1.0)
-        return cls(cubes, flat, window, upper, found, points, mixed, share)
+        return cls(cubes, flat, window, upper, found, every, points, mixed)
 
     def surely_two(self) -> _BOOLS:
-        """Return the cells with a gap that no wall and no box explains, (ny, nx)."""
+        """Return the cells with a gap that no wall, no box and no outliers explain, (ny, nx)."""
         # The chance of so many or more of a binomial number; with ties it need not be whole.
         chance, some = np.ones(len(self.points)), self.mixed > 0
+        some &= self.points >= LAYER_SHARE * self.every
         chance[some] = special.betainc(
             self.mixed[some], (self.points - self.mixed + 1.0)[some], self.share[some]
         )
