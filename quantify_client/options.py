@@ -20,6 +20,8 @@ from .errors import UsageError
 __all__ = [
     "BASES",
     "DEFAULT_BASE",
+    "DEFAULT_LAYER",
+    "LAYERS",
     "METHOD_REVISION",
     "METHOD_REVISIONS",
     "OPTIONS",
@@ -41,6 +43,10 @@ _BASES = ("kriged", "triangulate", "plane", "average", "lowest", "highest")
 #: The names of the base surfaces, the default first, as a comparison lists them; the surfaces are
 #: in `volcalc.terrain.base`.
 BASES = (DEFAULT_BASE, *(name for name in _BASES if name != DEFAULT_BASE))
+
+#: What may be measured where two surfaces lie over each other, the default first.
+LAYERS = ("upper", "lower", "mean")
+DEFAULT_LAYER = LAYERS[0]
 
 #: The units of lengths that a source may be in.
 UNITS = ("m", "cm", "mm", "ft", "us-ft")
@@ -219,6 +225,14 @@ class Options:
         choices=("auto",),
         goes_with="terrain",
         **_LENGTH,
+    )
+    layer: str = _option(
+        DEFAULT_LAYER,
+        "where two surfaces lie over each other (trees or a roof over ground): which is measured, "
+        f"or the mean of their points (default {DEFAULT_LAYER})",
+        TERRAIN,
+        choices=LAYERS,
+        goes_with="terrain",
     )
     center_caps: bool = _option(
         False,

@@ -148,6 +148,7 @@ def test_density_is_a_number_or_a_text(given, density, sigma):
 @pytest.mark.parametrize(
     ("given", "said"),
     [
+        ({"layer": "middle"}, "--layer is middle; give upper, lower or mean"),
         ({"hollow": "yes"}, "--hollow is yes; give True or False"),
         ({"slices": True}, "--slices is True; give auto or 1 to 10000"),
         ({"slices": 10_001}, "give auto or 1 to 10000"),

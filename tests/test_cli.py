@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from clouds import write_ept, write_las, write_text
 from commands import PILE, UTM, features, only, texts
-from terrains import EAST, LEVEL, circle, placed
+from shapely.geometry import box
+from terrains import EAST, LEVEL, NORTH, circle, placed
 
 from quantify_client.options import BASES
 
@@ -100,6 +101,47 @@ def test_density_adds_tonnes_of_cut(site, document):
     assert result["mass_t"] == pytest.approx(1.6 * result["cut_m3"], rel=1e-12)
     spread = math.hypot(1.6 * result["cut_std_m3"], 0.1 * result["cut_m3"])
     assert result["mass_std_t"] == pytest.approx(spread, rel=1e-12)
+
+
+@pytest.fixture(scope="module")
+def tree(tmp_path_factory):
+    """A yard 12 m wide under a closed row of trees 3 m high, of which half of the points are."""
+    folder, rng = tmp_path_factory.mktemp("tree"), np.random.default_rng(3)
+    x, y = rng.uniform(0, 40, (2, 25_000))
+    crown = (np.abs(x - 20) < 9) & (np.abs(y - 20) < 9) & (rng.random(len(x)) < 0.5)
+    z = LEVEL + 3.0 * crown + rng.normal(0, 0.01, len(x))
+    write_las(folder / "tree.las", np.column_stack([EAST + x, NORTH + y, z]), crs=UTM)
+    yard = placed(box(14, 14, 26, 26))
+    (folder / "yard.geojson").write_text(features(yard, names=["yard"]))
+    return (
+        "volume",
+        folder / "tree.las",
+        "--area",
+        folder / "yard.geojson",
+        "--base",
+        LEVEL,
+        "--grid",
+    )
+
+
+def test_the_surface_that_is_measured_where_there_are_two(tree, document):
+    results = {}
+    for layer, height in (("upper", 3.0), ("lower", 0.0), ("mean", 1.5)):
+        told = document(*tree, "--layer", layer)
+        result = results[layer] = only(told)
+        assert told["provenance"]["options"]["layer"] == layer
+        assert result["volume_m3"] == pytest.approx(height * 144, abs=12)
+        (notice,) = (one for one in result["warnings"] if one["code"] == "two-surfaces")
+        assert notice["values"]["layer"] == layer
+        assert notice["values"]["apart_m"] == pytest.approx(3.0, abs=0.1)
+        assert ("layer" in {item["source"] for item in result["budget"]}) == (layer != "mean")
+    assert only(document(*tree))["volume_m3"] == results["upper"]["volume_m3"]
+
+
+def test_two_surfaces_are_told_to_people(tree, run):
+    status, out, err = run(*tree)
+    assert status == 0
+    assert "there are two surfaces, one about 3 m above the other" in " ".join((out + err).split())
 
 
 def test_us_units_are_for_people_only(site, run, document):

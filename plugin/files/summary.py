@@ -12,7 +12,7 @@ _TOLD = ("id", "name", "date", "area_key", "options")
 _SETTINGS = [
     name
     for name, option in OPTIONS.items()
-    if option.goes_with in ("section", "polar") or name in ("grid", "area_frame")
+    if option.goes_with in ("section", "polar") or name in ("grid", "area_frame", "layer")
 ]
 
 

@@ -25,7 +25,7 @@ __all__ = ["FAR", "every_point", "left_out", "losses"]
 FAR = "far from all others"
 
 # What is usually left out, and what the cloud's own warnings already say.
-_USUAL = (NOISE, WITHHELD, NODATA, AT_ORIGIN, "outliers", "ground")
+_USUAL = (NOISE, WITHHELD, NODATA, AT_ORIGIN, "outliers", "ground", "other of two surfaces")
 _READINGS = 4  # a window shows points outside the box only where it is; each reading widens both
 _ULPS = 16  # of a coordinate: how far a box and its points may differ when both are computed
 _ROUNDED = 1e-3  # of a box: the margin with which parts of a cloud are chosen by it

@@ -35,6 +35,7 @@ def measure(
     slice_height: Optional[float] = None,
     base: Optional[Union[str, float]] = None,
     toe: Optional[Union[str, float]] = None,
+    layer: str = "upper",
     center_caps: bool = False,
     hollow: bool = False,
     max_gap: Optional[float] = None,
@@ -60,10 +61,10 @@ def measure(
     *sources : a point cloud, an ODM project folder, an all.zip, an ept.json, the address of a task
         on a WebODM server, or several tiles of one survey.
     area : file with polygons, or GeoJSON, shapely geometries or a GeoDataFrame; a result for each.
-    shape, method, slices, slice_height, base, toe, center_caps, hollow, max_gap, floor, accuracy,
-    grid, gcp, area_frame, scale_mode, crs, source_unit, vertical_unit, threads : as on the command
-        line (``quantify-client volume --help``) and in :class:`Options`; lengths and elevations
-        in metres.
+    shape, method, slices, slice_height, base, toe, layer, center_caps, hollow, max_gap, floor,
+    accuracy, grid, gcp, area_frame, scale_mode, crs, source_unit, vertical_unit, threads : as on
+        the command line (``quantify-client volume --help``) and in :class:`Options`; lengths and
+        elevations in metres.
     density, density_sigma : t/m3; or both in one text, ``"1.6:0.1"``.
     progress : called with the stage and the share done, from 0 to 1.
     access : who asks a WebODM server; by default what QUANTIFY_WEBODM_USER and

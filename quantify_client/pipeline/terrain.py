@@ -137,6 +137,7 @@ def measure_areas(source: Source, frame: Frame, options: Options, report: Progre
         base=DEFAULT_BASE if base is None else base,
         slices=options.slices,
         slice_height=options.slice_height,
+        layer=options.layer,
     )
     measure = partial(_measure_site, source=source, frame=frame, options=options, recipe=recipe)
     found: Dict[int, Result] = {i: a for i, a in enumerate(areas) if isinstance(a, AreaFailure)}

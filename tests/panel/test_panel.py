@@ -132,11 +132,12 @@ def test_units_follow_the_hosts_choice(open_page, tasks, outline, expected):
     base(page).select_option(DEFAULT_BASE)
     page.page.fill("label:has-text('Density') + div input", "100")
     page.measure()
-    assert only_number(page.hero()) == pytest.approx(expected.volume_m3 * 1.307951, rel=5e-3)
+    # The outline is drawn by the mouse, and runs through the eaves of a roof.
+    assert only_number(page.hero()) == pytest.approx(expected.volume_m3 * 1.307951, rel=1e-2)
     assert "yd³" in page.hero()
     assert "short tons" in page.page.inner_text(".vc-facts")
     page.units("metric")
-    assert only_number(page.hero()) == pytest.approx(expected.volume_m3, rel=5e-3)
+    assert only_number(page.hero()) == pytest.approx(expected.volume_m3, rel=1e-2)
     tonnes = only_number(page.page.inner_text(".vc-facts dd >> nth=2"))
     assert tonnes == pytest.approx(expected.cut_m3 * 1.601846, rel=1e-2)
 

@@ -145,6 +145,7 @@ def test_volumes_of_one_quantity_are_comparable(documents, comparable_of, docume
         (("measurement", "shape"), "object", "shape"),
         (("options", "grid"), True, "settings"),
         (("options", "hollow"), True, "settings"),
+        (("options", "layer"), "lower", "settings"),
         (("options", "floor"), 0.0, "settings"),
         (("options", "area_frame"), "control", "settings"),
     ],

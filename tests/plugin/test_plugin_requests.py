@@ -56,7 +56,7 @@ for _ in range(12):
         ({"area": ROUND, "options": {"hollow": True}}, "measured whole"),
         (
             {"area": "whole", "options": {"shape": "object", "base": "plane"}},
-            "base goes with shape terrain",
+            "base, toe and layer go with shape terrain",
         ),
         ({"area": ROUND, "options": {"scale_mode": "full"}}, "go with control: give"),
         (

@@ -41,6 +41,7 @@ def ground_under(
         z,
         count,
         outliers,
+        np.zeros_like(outliers),
         z - cell / 4,
         z + cell / 4,
         count.astype(np.float64),

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from quantify_client.types import BudgetItem
+from quantify_client.volcalc.terrain.layers import Layers
 from quantify_client.volcalc.terrain.toe import OnPile
 from quantify_client.volcalc.terrain.warnings import Findings, warnings_of
 
@@ -54,6 +55,20 @@ def test_a_sound_result_has_no_warning():
             "outline-crosses-neighbour",
             {"share": 0.2},
             "20% of the outline lie on another pile, a bank or a wall",
+        ),
+        (
+            Findings(layers=Layers(0.063, 2.57)),
+            "two-surfaces",
+            {"share": 0.063, "apart_m": 2.57, "layer": "upper"},
+            "over 6.3% of the area there are two surfaces, one about 2.6 m above the other (trees "
+            "or a roof over ground): the upper one was measured",
+        ),
+        (
+            Findings(layers=Layers(0.5, 3.0), layer="mean"),
+            "two-surfaces",
+            {"share": 0.5, "apart_m": 3.0, "layer": "mean"},
+            "over 50.0% of the area there are two surfaces, one about 3 m above the other (trees "
+            "or a roof over ground): their mean was measured",
         ),
         (
             Findings(lost_m2=1.25),

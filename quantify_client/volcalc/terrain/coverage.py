@@ -6,16 +6,28 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage, sparse
 from scipy.sparse.linalg import splu
+from shapely.geometry import MultiPolygon, Polygon
 
 from ...errors import SupportError
-from ...types import FloatArray
-from .heights import CellHeights
+from ...types import FloatArray, Window
+from .grid import cell_parts
+from .heights import CellHeights, cell_window, larger_cells
 from .histogram import Cubes
 
-__all__ = ["fill_gaps", "require_fine", "require_support", "support"]
+__all__ = [
+    "FULL_SUPPORT",
+    "cells_of_clumps",
+    "fill_gaps",
+    "require_fine",
+    "require_support",
+    "support",
+]
 
 #: Below this share of supported cells the area is refused.
 _LEAST_SUPPORT = 0.5
+
+#: Above this share there is no warning about gaps.
+FULL_SUPPORT = 0.95
 
 #: With fewer fully surrounded cells than this, their mean count says nothing.
 _ENOUGH_INNER = 25
@@ -146,6 +158,50 @@ def require_fine(heights: CellHeights, fraction: FloatArray, parts: int) -> None
             "scattered far around; draw an area (--area) around what is to be measured, or remove "
             "the scattered points"
         )
+
+
+def cells_of_clumps(cubes: Cubes, polygon: Polygon | MultiPolygon) -> Cubes | None:
+    """Return the cubes with larger cells, of which points support enough of the area; None if none.
+
+    Points in clumps fill small cells and leave most of the area empty; larger cells have points all
+    over it. The smallest that leave no gaps worth telling are taken, or else the largest that show
+    the area's shape and are supported by half.
+
+    Holes are no reason for larger cells. Of clumps that are scattered at random so many places that
+    a cell holds n, a share exp(-n) of cells is empty, n growing as their area: with cells of twice
+    the width it is the fourth power of what it was. Where there are holes it is what it was, but
+    for the cells at their edges: the first power. Halfway between lies the second. Cells of less
+    than twice the width of the first are passed over: those of half of that are empty by chance.
+
+    Parameters
+    ----------
+    cubes : from `fit_cells`, in whose cells points support too little of the area.
+    polygon : the area, metres, in the coordinates of the cubes.
+    """
+    found, least = None, 2.0 * cubes.cell * cubes.factor
+    while True:
+        cubes = larger_cells(cubes)
+        if polygon.area < _FEW_CELLS * (cubes.cell * cubes.factor) ** 2:
+            return found
+        if cubes.cell * cubes.factor < least:
+            continue
+        empty = _empty_share(cubes, polygon)
+        if empty < min(1.0 - _LEAST_SUPPORT, _empty_share(cubes, polygon, 2) ** 2):
+            found = cubes
+        if empty < 1.0 - FULL_SUPPORT:
+            return found
+
+
+def _empty_share(cubes: Cubes, polygon: Polygon | MultiPolygon, parts: int = 1) -> float:
+    """Return the share of the area in cells without points, or in parts of a cell's width."""
+    window = cell_window(cubes, Window(*polygon.bounds), 0)
+    u = cubes.column * parts // cubes.factor - parts * window.first_x
+    v = cubes.row * parts // cubes.factor - parts * window.first_y
+    inside = (u >= 0) & (u < parts * window.nx) & (v >= 0) & (v < parts * window.ny)
+    empty = np.ones((parts * window.ny, parts * window.nx))
+    empty[v[inside], u[inside]] = 0.0
+    mean = empty.reshape(window.ny, parts, window.nx, parts).mean(axis=(1, 3))
+    return float(np.average(mean, weights=cell_parts(polygon, window).share))
 
 
 def require_support(cubes: Cubes, heights: CellHeights, fraction: FloatArray) -> float:

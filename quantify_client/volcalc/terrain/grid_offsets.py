@@ -20,7 +20,10 @@ from ...options import DEFAULT_BASE
 from ...types import AreaResult, BudgetItem, FloatArray, Notice, Window
 from .accumulate import AreaPoints
 from .budget import standard_deviations
+from .coverage import cells_of_clumps
 from .heights import fit_cells
+from .histogram import Cubes
+from .layers import find_layers
 from .measure import Measured, Sides, TerrainRecipe, measure_sides, measure_terrain
 from .outlying import mark_outliers
 from .toe import moved_to_toe, polygonal
@@ -52,18 +55,38 @@ def measure_area(
     drawn = polygon
     if recipe.toe is not None:
         polygon = _at_toe(polygon, points, recipe)
-    points = _marked(polygon, points)
-    first = measure_terrain(name, polygon, points, recipe)
+    first, points = _first(name, polygon, points, recipe)
     result = _with_offsets(first, polygon, points, recipe)
     if polygon is not drawn:
         return _told_of_moving(result, drawn.area / recipe.ground_factor**2)
     return _with_proposal(result, first[0], polygon, points)
 
 
-def _marked(polygon: Union[Polygon, MultiPolygon], points: AreaPoints) -> AreaPoints:
-    """Return the points in cells for an area, with outliers marked."""
-    bounds = Window(*polygon.bounds)
-    return replace(points, cubes=mark_outliers(fit_cells(points.cubes, bounds), bounds))
+def _first(
+    name: str, polygon: Union[Polygon, MultiPolygon], points: AreaPoints, recipe: TerrainRecipe
+) -> Tuple[Tuple[Measured, ...], AreaPoints]:
+    """Return the results with the first grid offset, and the points in its cells."""
+    cubes = fit_cells(points.cubes, Window(*polygon.bounds))
+    try:
+        return _in_cells(cubes, name, polygon, points, recipe)
+    except SupportError:
+        larger = cells_of_clumps(cubes, polygon)
+        if larger is None:
+            raise
+    return _in_cells(larger, name, polygon, points, recipe)
+
+
+def _in_cells(
+    cubes: Cubes,
+    name: str,
+    polygon: Union[Polygon, MultiPolygon],
+    points: AreaPoints,
+    recipe: TerrainRecipe,
+) -> Tuple[Tuple[Measured, ...], AreaPoints]:
+    """Return the results in certain cells, and the points with outliers and layers marked."""
+    cubes, layers = find_layers(mark_outliers(cubes, Window(*polygon.bounds)), polygon)
+    points = replace(points, cubes=cubes)
+    return measure_terrain(name, polygon, points, recipe, layers), points
 
 
 def _at_toe(
@@ -73,7 +96,7 @@ def _at_toe(
     polygon, reach, kriged = drawn, recipe.toe or 0.0, replace(recipe, base=DEFAULT_BASE)
     within, without = drawn.buffer(reach), drawn.buffer(-reach)
     for _ in range(_ROUNDS):
-        (found,) = measure_terrain("", polygon, _marked(polygon, points), kriged)
+        (found,), _ = _first("", polygon, points, kriged)
         moved = _moved(polygon, found)
         if moved is None:
             break

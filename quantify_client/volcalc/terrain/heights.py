@@ -15,11 +15,16 @@ from .histogram import Cubes, run_starts, sorting_order
 __all__ = [
     "LAYER_GAP_CELLS",
     "LAYER_SHARE",
+    "LOWER",
     "MARGIN",
     "MOST_BLOCK",
+    "UPPER",
     "CellHeights",
     "cell_heights",
+    "cell_window",
     "fit_cells",
+    "larger_cells",
+    "on_surface",
 ]
 
 #: Cells hold so many points, on average and at least: about two spacings a side.
@@ -35,6 +40,9 @@ _LEAST_BLOCK, MOST_BLOCK = 2, 8
 #: A separate layer of heights is surface when it has this share of its neighbourhood's points.
 LAYER_SHARE = 0.1
 _LAYER_POINTS = 3
+
+#: Marks of cubes of one of two surfaces over each other (`layers`).
+UPPER, LOWER = 1, -1
 
 #: Layers are separate when a gap of this many cells in height is between them, or of more where the
 #: middle half of the heights spans more.
@@ -54,6 +62,7 @@ class CellHeights:
     z : (ny, nx) float64, mean height of the kept points, metres; NaN without points.
     count : (ny, nx) int64, kept points.
     outliers : (ny, nx) int64, points left out because they are far from the surface around them.
+    other : (ny, nx) int64, points left out because they are of the other one of two surfaces.
     low, high : (ny, nx) float64, range of kept heights (middles of bins); NaN without points.
     places : (ny, nx) float64, number of points in distinct places: repetitions add nothing.
     hidden : two of (ny, nx) float64, by how much outliers that nobody sees move each height: the
@@ -66,6 +75,7 @@ class CellHeights:
     z: FloatArray
     count: IntArray
     outliers: IntArray
+    other: IntArray
     low: FloatArray
     high: FloatArray
     places: FloatArray
@@ -135,7 +145,20 @@ def _holds(column: IntArray, row: IntArray, wanted: float) -> bool:
     return float(counts[inner if enough else occupied].mean()) >= wanted
 
 
-def cell_heights(cubes: Cubes, bounds: Window) -> CellHeights:
+def larger_cells(cubes: Cubes) -> Cubes:
+    """Return the cubes, merged as needed, with the next larger cells of those of `fit_cells`."""
+    larger = {2: 4, 4: 5, 5: 8, 8: 10}.get(cubes.factor)
+    return replace(cubes.merged(1), factor=8) if larger is None else replace(cubes, factor=larger)
+
+
+def cell_window(cubes: Cubes, bounds: Window, margin: int = MARGIN) -> CellWindow:
+    """Return the cells over `bounds` and a margin around it."""
+    return CellWindow.around(bounds, cubes.cell * cubes.factor, margin)
+
+
+def cell_heights(
+    cubes: Cubes, bounds: Window, left_out: npt.NDArray[np.int8] | None = None
+) -> CellHeights:
     """Return robust heights over `bounds` and a margin, in cells of about two point spacings.
 
     Outliers are found in blocks of a few cells: heights that form a layer of their own, with a gap
@@ -146,17 +169,23 @@ def cell_heights(cubes: Cubes, bounds: Window) -> CellHeights:
     ----------
     cubes : from `fit_cells`.
     bounds : of the area, metres, in the coordinates of the cubes.
+    left_out : (ny, nx), mark of the one of two surfaces that is left out of each cell of the
+        `cell_window`, 0 for neither; None for none.
     """
-    window = CellWindow.around(bounds, cubes.cell * cubes.factor, MARGIN)
+    window = cell_window(cubes, bounds)
     column = cubes.column // cubes.factor - window.first_x
     row = cubes.row // cubes.factor - window.first_y
     inside = window.holds(row, column)
     cubes, column, row = cubes.select(inside), column[inside], row[inside]
-    kept = _on_surface(cubes, column, row, window) & ~cubes.outlying
-    return _collect(cubes, row * window.nx + column, kept, window)
+    flat = row * window.nx + column
+    other = np.zeros(len(flat), dtype=bool)
+    if left_out is not None:
+        other = (cubes.layer != 0) & (cubes.layer == left_out.ravel()[flat])
+    good = on_surface(cubes, column, row, window) & ~cubes.outlying | (cubes.layer != 0)
+    return _collect(cubes, flat, good, other, window)
 
 
-def _on_surface(
+def on_surface(
     cubes: Cubes, column: IntArray, row: IntArray, window: CellWindow
 ) -> npt.NDArray[np.bool_]:
     """Return which cubes belong to the surface of their block of cells."""
@@ -218,11 +247,19 @@ def _layer_gap(
 
 
 def _collect(
-    cubes: Cubes, flat: IntArray, kept: npt.NDArray[np.bool_], window: CellWindow
+    cubes: Cubes,
+    flat: IntArray,
+    good: npt.NDArray[np.bool_],
+    other: npt.NDArray[np.bool_],
+    window: CellWindow,
 ) -> CellHeights:
-    """Return the cells' heights from the kept cubes."""
+    """Return the cells' heights from the cubes that are good and not of the other surface."""
     size, shape = window.nx * window.ny, window.shape
-    outliers = np.bincount(flat[~kept], cubes.count[~kept], size)
+    outliers, unwanted = (
+        np.bincount(flat[which], cubes.count[which], size).astype(np.int64).reshape(shape)
+        for which in (~good, good & other)
+    )
+    kept = good & ~other
     cubes, flat = cubes.select(kept), flat[kept]
     foot = int(cubes.bin.min()) if len(flat) else 0
     # Sums of integers below 2^53 are exact in float64, hence the same in any order.
@@ -251,7 +288,8 @@ def _collect(
         window,
         z,
         count.reshape(shape),
-        outliers.astype(np.int64).reshape(shape),
+        outliers,
+        unwanted,
         low.reshape(shape),
         high.reshape(shape),
         places.reshape(shape),

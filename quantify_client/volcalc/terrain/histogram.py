@@ -57,7 +57,7 @@ _FINEST = 2.0**52
 #: New cubes wait until there are so many, or half as many as the settled ones, before merging.
 _PENDING = 1 << 15
 
-_PER_CUBE = ("column", "row", "bin", "count", "inside", "outlying", "hidden")
+_PER_CUBE = ("column", "row", "bin", "count", "inside", "outlying", "hidden", "layer")
 
 
 @dataclass(frozen=True)
@@ -72,6 +72,8 @@ class Cubes:
     outlying : (M,) bool, cubes that stand out from the surface around them (`outlying`).
     hidden : (M, 2) float64, the mean, metres, and the mean square of what outliers that are not
         found may add to a point.
+    layer : (M,) int8, 1 for cubes of the upper one of two surfaces, -1 for the lower one, 0 where
+        there is one surface only (`layers`).
     cell : edge of a cube, metres.
     quantum : metres of one quantum.
     height : height of a cube, in quanta.
@@ -86,6 +88,7 @@ class Cubes:
     inside: IntArray
     outlying: npt.NDArray[np.bool_]
     hidden: FloatArray
+    layer: npt.NDArray[np.int8]
     cell: float
     quantum: float
     height: int
@@ -119,6 +122,7 @@ class Cubes:
             inside=_sums(inside[order], start),
             outlying=np.zeros(len(start), dtype=bool),
             hidden=np.zeros((len(start), 2)),
+            layer=np.zeros(len(start), dtype=np.int8),
             cell=math.ldexp(self.cell, times),
             height=self.height << times,
         )
@@ -315,6 +319,7 @@ class CubeStore:
             self._settled.inside,
             np.zeros(len(column), dtype=bool),
             np.zeros((len(column), 2)),
+            np.zeros(len(column), dtype=np.int8),
             math.ldexp(packing.cell, merges),
             packing.quantum,
             1 << (_REST_BITS + merges),

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import NamedTuple, Optional, Sequence, Union
+from functools import partial
+from typing import Iterator, NamedTuple, Optional, Sequence, Union
 
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 from shapely.geometry import MultiPolygon, Polygon
 
-from ...options import DEFAULT_BASE
-from ...types import AreaResult, FloatArray, Relief
+from ...options import DEFAULT_BASE, DEFAULT_LAYER
+from ...types import AreaResult, BudgetItem, FloatArray, Relief
 from .accumulate import AreaPoints
 from .base import BASES, KRIGED, make_base
 from .budget import error_budget, standard_deviations
 from .ground import Ground, find_ground
 from .integrate import above_mask, integrate_slices, slab_edges
+from .layers import NO_LAYERS, Layers
 from .rim import Crossing, Rim, bridge_crossings
 from .surface import AreaSurface, CutFill, find_surface
 from .tin import tin_check
@@ -39,6 +42,7 @@ class TerrainRecipe:
     slices, slice_height : see `slab_edges`.
     ground_factor : grid length / ground length at the site.
     toe : how far outlines are moved to the toe at most, metres; None: not at all.
+    layer : which of two surfaces over each other is measured, see `find_surface`.
     """
 
     base: Union[str, float] = DEFAULT_BASE
@@ -46,6 +50,7 @@ class TerrainRecipe:
     slice_height: Optional[float] = None
     ground_factor: float = 1.0
     toe: Optional[float] = None
+    layer: str = DEFAULT_LAYER
 
 
 @dataclass(frozen=True)
@@ -85,7 +90,11 @@ class Sides(NamedTuple):
 
 
 def measure_terrain(
-    name: str, polygon: Polygon | MultiPolygon, points: AreaPoints, recipe: TerrainRecipe
+    name: str,
+    polygon: Polygon | MultiPolygon,
+    points: AreaPoints,
+    recipe: TerrainRecipe,
+    layers: Layers = NO_LAYERS,
 ) -> tuple[Measured, ...]:
     """Return the result of one area, one for each base where they are compared.
 
@@ -93,19 +102,19 @@ def measure_terrain(
     ----------
     polygon : valid, metres, from the local origin of the points.
     points : with cubes from `fit_cells`.
+    layers : what `find_layers` found in them.
 
     Raises
     ------
     SupportError
         When points support less than half of the area.
     """
-    surface = find_surface(polygon, points.cubes, recipe.ground_factor)
+    surface = find_surface(polygon, points.cubes, recipe.ground_factor, recipe.layer)
     ground, flanks = None, None
     if isinstance(recipe.base, str):
         ground, flanks = _ground(surface, points)
-    return tuple(
-        _on_base(name, base, surface, ground, flanks, points, recipe) for base in _bases(recipe)
-    )
+    measure = partial(_on_base, name, surface, ground, flanks, points, recipe, layers)
+    return tuple(map(measure, _bases(recipe)))
 
 
 def measure_sides(
@@ -123,7 +132,9 @@ def measure_sides(
     SupportError
         See `measure_terrain`.
     """
-    surface = find_surface(polygon, points.cubes, recipe.ground_factor, walled=first.walled)
+    surface = find_surface(
+        polygon, points.cubes, recipe.ground_factor, recipe.layer, walled=first.walled
+    )
     found = []
     for base in _bases(recipe):
         volume, _ = _cut_and_fill(base, surface, first.ground, first.noise)
@@ -169,12 +180,13 @@ def _cut_and_fill(
 
 def _on_base(
     name: str,
-    base_name: Union[str, float],
     surface: AreaSurface,
     ground: Ground | None,
     flanks: Flanks | None,
     points: AreaPoints,
     recipe: TerrainRecipe,
+    layers: Layers,
+    base_name: Union[str, float],
 ) -> Measured:
     """Return the result of one area on one base."""
     volume, crossings = _cut_and_fill(base_name, surface, ground, surface.noise.cell)
@@ -187,8 +199,11 @@ def _on_base(
         relief_m=0.0 if ground is None else ground.relief,
         on_pile=NOT_ON_PILE if flanks is None else flanks.on_pile(recipe.ground_factor),
         at_wall=(0.0, 0.0) if ground is None else beside_walls(surface, ground),
+        layers=layers,
+        layer=recipe.layer,
     )
-    result = _result(name, volume, points, recipe)
+    budget = [*error_budget(volume), *_of_layers(layers, recipe)]
+    result = _result(name, volume, points, recipe, budget)
     return Measured(
         result,
         findings,
@@ -235,7 +250,24 @@ def _ground(surface: AreaSurface, points: AreaPoints) -> tuple[Ground | None, Fl
     return ground, flanks
 
 
-def _result(name: str, volume: CutFill, points: AreaPoints, recipe: TerrainRecipe) -> AreaResult:
+def _of_layers(layers: Layers, recipe: TerrainRecipe) -> Iterator[BudgetItem]:
+    """Yield the error of where two surfaces end and one goes on, where one of both is measured.
+
+    That is known to a spacing of the points of the one that is measured: the standard deviation of
+    what is anywhere within it, as likely as anywhere else, and the same along the whole edge.
+    """
+    if layers.share and recipe.layer != "mean":
+        std = layers.edge[recipe.layer == "lower"] / recipe.ground_factor**2 / math.sqrt(12.0)
+        yield BudgetItem("layer", std, std, std)
+
+
+def _result(
+    name: str,
+    volume: CutFill,
+    points: AreaPoints,
+    recipe: TerrainRecipe,
+    budget: Sequence[BudgetItem],
+) -> AreaResult:
     """Return the complete result, without warnings."""
     surface, inside, factor = volume.surface, volume.surface.inside, recipe.ground_factor
     known, cut_cells, fill_cells = volume.sides
@@ -243,7 +275,6 @@ def _result(name: str, volume: CutFill, points: AreaPoints, recipe: TerrainRecip
     count = np.where(inside, surface.heights.count, 0)
     each = surface.a * np.nan_to_num(volume.r)
     cut, fill = float(each[cut_cells].sum()), -float(each[fill_cells].sum())
-    budget = error_budget(volume)
     std, cut_std, fill_std = standard_deviations(budget)
     edges = slab_edges(float(r.min()), float(r.max()), recipe.slices, recipe.slice_height)
     even = np.allclose(np.diff(edges), edges[1] - edges[0], rtol=1e-6)
@@ -265,7 +296,10 @@ def _result(name: str, volume: CutFill, points: AreaPoints, recipe: TerrainRecip
         max_height_m=float(np.nanmax(np.abs(volume.r))),
         coverage=surface.coverage,
         points_used=int(count.sum()),
-        points_left_out={"outliers": int(surface.heights.outliers[inside].sum())},
+        points_left_out={
+            "outliers": int(surface.heights.outliers[inside].sum()),
+            "other of two surfaces": int(surface.heights.other[inside].sum()),
+        },
         slice_height_m=float(edges[1] - edges[0]) if even else None,
         slices=tuple(integrate_slices(r, a, volume.above[known], count[known], edges)),
         base=volume.base.name,

@@ -11,12 +11,13 @@ import numpy.typing as npt
 from scipy import ndimage
 from shapely.geometry import MultiPolygon, Polygon
 
+from ...options import DEFAULT_LAYER
 from ...types import FloatArray, IntArray, Window
 from .base import Base
 from .coverage import fill_gaps, require_fine, require_support
 from .grid import cell_parts, minmod, polygons_of, squares_around
 from .ground import Ground
-from .heights import CellHeights, cell_heights
+from .heights import LOWER, UPPER, CellHeights, cell_heights, cell_window
 from .histogram import Cubes
 from .noise import Noise, measure_noise
 from .rim import Rim, require_plain_outline, sample_rim
@@ -27,6 +28,9 @@ __all__ = ["AreaSurface", "CutFill", "find_surface"]
 #: Heights go on beyond the points' outer edge for this share of the area's size, in whole cells.
 _REACH = 0.05
 _LEAST_REACH_CELLS = 5
+
+#: What is left out over the area where there are two surfaces, by what is to be measured.
+_LEFT_OUT = {"upper": LOWER, "lower": UPPER, "mean": 0}
 
 
 @dataclass(frozen=True)
@@ -159,7 +163,12 @@ class CutFill:
 
 
 def find_surface(
-    polygon: Polygon | MultiPolygon, cubes: Cubes, ground_factor: float, *, walled: bool = True
+    polygon: Polygon | MultiPolygon,
+    cubes: Cubes,
+    ground_factor: float,
+    layer: str = DEFAULT_LAYER,
+    *,
+    walled: bool = True,
 ) -> AreaSurface:
     """Return the surface of an area.
 
@@ -167,6 +176,8 @@ def find_surface(
     ----------
     polygon : valid, metres, in the coordinates of the cubes.
     cubes : from `fit_cells`.
+    layer : which of two surfaces is measured, ``"upper"``, ``"lower"`` or the ``"mean"`` of all
+        points. Around the area the lower one is the ground.
     walled : whether there may be walls beside it.
 
     Raises
@@ -174,10 +185,14 @@ def find_surface(
     SupportError
         The points do not show the area, or its outline is out of proportion.
     """
-    heights = cell_heights(cubes, Window(*polygon.bounds))
-    parts = polygons_of(polygon)
-    require_plain_outline(parts, heights.window.cell)
-    fraction, *off_middle = cell_parts(polygon, heights.window)
+    bounds, parts = Window(*polygon.bounds), polygons_of(polygon)
+    window = cell_window(cubes, bounds)
+    require_plain_outline(parts, window.cell)
+    fraction, *off_middle = cell_parts(polygon, window)
+    # One cell more all around: gaps at the outline are closed from both sides.
+    over = ndimage.binary_dilation(fraction > 0, np.ones((3, 3)))
+    left_out = np.where(over, _LEFT_OUT[layer], UPPER).astype(np.int8)
+    heights = cell_heights(cubes, bounds, left_out)
     require_fine(heights, fraction, cubes.factor**2)
     coverage = require_support(cubes, heights, fraction)
     reach = max(_LEAST_REACH_CELLS, round(float(_REACH * np.sqrt(fraction.sum()))))
@@ -187,7 +202,8 @@ def find_surface(
     walls, before_walls = find_walls(heights, fraction) if walled else NO_WALLS, None
     if walls.steep is not None:
         cut = walls.steep & (fraction > 0) & (fraction < 1)
-        before_walls = heights_before(polygon, cubes, heights.window, cut)
+        wanted = (cubes.layer == 0) | (cubes.layer != _LEFT_OUT[layer])
+        before_walls = heights_before(polygon, cubes.select(wanted), heights.window, cut)
     return AreaSurface(
         polygon,
         parts,

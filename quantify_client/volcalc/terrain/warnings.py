@@ -6,16 +6,16 @@ import math
 from dataclasses import dataclass
 from typing import Iterator, Tuple
 
+from ...options import DEFAULT_LAYER
 from ...types import AreaResult, Notice
+from .coverage import FULL_SUPPORT
+from .layers import NO_LAYERS, Layers
 from .toe import NOT_ON_PILE, OnPile
 
 __all__ = ["OUTLINE_ON_PILE", "Findings", "warnings_of"]
 
 #: The codes of warnings after which another outline is proposed.
 OUTLINE_ON_PILE = frozenset({"outline-on-pile", "outline-crosses-neighbour"})
-
-#: Above this share there is no warning about gaps.
-_FULL_SUPPORT = 0.95
 
 #: Above this share of the outline on another pile there is a warning.
 _ON_PILE = 0.05
@@ -38,6 +38,7 @@ class Findings:
     relief_m : RMS of the ground's heights around the area about a plane.
     on_pile : which shares of the outline lie on a pile.
     at_wall : share of the outline beside a wall, and the height of that, metres.
+    layers : how much of the area has two surfaces, and the one that was measured.
     """
 
     crossings: Tuple[Tuple[float, float], ...] = ()
@@ -46,6 +47,8 @@ class Findings:
     relief_m: float = 0.0
     on_pile: OnPile = NOT_ON_PILE
     at_wall: Tuple[float, float] = (0.0, 0.0)
+    layers: Layers = NO_LAYERS
+    layer: str = DEFAULT_LAYER
 
 
 def warnings_of(result: AreaResult, findings: Findings, *, compared: bool) -> Iterator[Notice]:
@@ -58,7 +61,8 @@ def warnings_of(result: AreaResult, findings: Findings, *, compared: bool) -> It
     yield from _of_walls(*findings.at_wall)
     yield from _of_piles(findings.on_pile, (result.volume_m3 or 0.0) < 0, result.std_m3 or 0.0)
     yield from _of_crossings(findings, compared)
-    if result.coverage is not None and result.coverage < _FULL_SUPPORT:
+    yield from _of_layers(findings)
+    if result.coverage is not None and result.coverage < FULL_SUPPORT:
         yield Notice(
             "gaps-interpolated",
             f"points support {result.coverage:.0%} of the area; the gaps were interpolated "
@@ -72,7 +76,7 @@ def warnings_of(result: AreaResult, findings: Findings, *, compared: bool) -> It
             "measured; draw the area inside the cloud",
             area_m2=findings.lost_m2,
         )
-    if findings.unsupported_rim > 1.0 - _FULL_SUPPORT:
+    if findings.unsupported_rim > 1.0 - FULL_SUPPORT:
         yield Notice(
             "outline-without-points",
             f"{findings.unsupported_rim:.0%} of the outline have no points near; the base is "
@@ -126,6 +130,22 @@ def _of_walls(share: float, height: float) -> Iterator[Notice]:
             "walls, draw the outline on the ground above them",
             share=share,
             height_m=height,
+        )
+
+
+def _of_layers(findings: Findings) -> Iterator[Notice]:
+    """Yield that parts of the area have two surfaces, and which of them was measured."""
+    found, layer = findings.layers, findings.layer
+    if found.share > 0:
+        measured = "their mean" if layer == "mean" else f"the {layer} one"
+        yield Notice(
+            "two-surfaces",
+            f"over {found.share:.1%} of the area there are two surfaces, one about "
+            f"{found.apart:.2g} m above the other (trees or a roof over ground): {measured} was "
+            "measured (--layer upper, lower or mean)",
+            share=found.share,
+            apart_m=found.apart,
+            layer=layer,
         )
 
 
