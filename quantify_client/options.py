@@ -182,25 +182,6 @@ class Options:
         MEASURED,
         **{**_FILE, "metavar": "FILE|auto"},
     )
-    least_height: Optional[float] = _option(
-        None,
-        "with --area auto: lower piles are not proposed (default: ten standard deviations of the "
-        "ground, or two cells)",
-        MEASURED,
-        goes_with="proposals",
-        **_LENGTH,
-    )
-    least_area: Optional[float] = _option(
-        None,
-        "with --area auto: smaller piles are not proposed (default: 64 cells)",
-        MEASURED,
-        kind="number",
-        metavar="AREA",
-        amount="an area above 0",
-        above=0.0,
-        goes_with="proposals",
-        request=(0, 1e8),
-    )
     shape: str = _option(
         "auto",
         "terrain or a body; auto: what the other options, the areas and the source tell",
@@ -227,6 +208,25 @@ class Options:
         request=(1, 1000),
     )
     slice_height: Optional[float] = _option(None, "height of the slices", MEASURED, **_LENGTH)
+    least_height: Optional[float] = _option(
+        None,
+        "with --area auto: lower piles are not proposed (default: ten standard deviations of the "
+        "ground, or two cells)",
+        MEASURED,
+        goes_with="proposals",
+        **{**_LENGTH, "request": None},
+    )
+    least_area: Optional[float] = _option(
+        None,
+        "with --area auto: smaller piles are not proposed (default: 64 cells)",
+        MEASURED,
+        kind="number",
+        metavar="AREA",
+        amount="an area above 0",
+        above=0.0,
+        goes_with="proposals",
+        request=None,
+    )
     base: Optional[Union[str, float]] = _option(
         None,
         f"the surface that volumes are measured from (default {DEFAULT_BASE})",
