@@ -10,7 +10,7 @@ import pytest
 import shapely
 from clouds import write_las
 from commands import UTM
-from terrains import Errors, cone, placed, survey
+from terrains import CLEAN, Errors, cone, placed, survey
 
 import quantify_client
 from quantify_client import measure
@@ -109,6 +109,15 @@ def test_a_car_on_a_pile_is_not_measured_with_it(tmp_path):
     low, high = pile.interval95_m3
     assert low < cone(8.0, 5.0).volume < high
     assert "outline" in [item.source for item in pile.budget]
+
+
+def test_a_cone_of_about_a_thousand_cells_is_right_to_a_thousandth(tmp_path):
+    """So many are enough for a pile to be measured by what the pass of the whole cloud keeps."""
+    form = cone(8.0, 4.0, 20.1, 19.7)
+    path = write_las(tmp_path / "cone.laz", survey(form.height, CLEAN, 60_000), crs=UTM)
+    (pile,) = measure(path, area="auto", grid=True)
+    assert 1000 < pile.area_m2 / pile.cell_m**2 < 1500
+    assert pile.volume_m3 == pytest.approx(form.volume, rel=1e-3)
 
 
 def test_a_small_pile_of_a_large_cloud_is_read_again_in_fine_cells(tmp_path, monkeypatch):

@@ -44,7 +44,7 @@ _MOST_NAMES = 8
 
 #: Cells of a pile, at least, where the points would allow for finer ones: with their shares inside
 #: the outline exact, and in four grid offsets, cones are then right to 0.1 %
-#: (tests/volcalc/test_stockpiles.py).
+#: (tests/test_stockpiles_command.py).
 _ENOUGH_CELLS = 1000
 
 Areas = Sequence[Union[Area, AreaFailure]]
