@@ -413,6 +413,8 @@ def _consistent(options: Options) -> Options:
         raise UsageError(f"{_go('control')} with --gcp: give a control file")
     if not proposes(options.area) and _for(given, "proposals"):
         raise UsageError(f"{_go('proposals')} with --area auto: leave them out")
+    if proposes(options.area) and options.area_frame == "control":
+        raise UsageError("--area-frame control goes with areas that were surveyed: not --area auto")
     if options.gcp is not None and options.grid:
         raise UsageError(
             "--grid goes without --gcp: with control everything is measured on the ground, as the "

@@ -152,6 +152,8 @@ def test_cars_and_the_round_structure_of_brighton_beach_are_proposed():
         ("--least-area 2 --area AREA", "--least-height and --least-area go with --area auto"),
         ("--area auto --least-height 0", "--least-height is 0.0; give a length above 0"),
         ("--area auto --least-area few", "--least-area is few; give an area above 0"),
+        ("--area auto --toe auto", "--toe moves outlines that were drawn; give them by --area"),
+        ("--area auto --gcp x.yaml --area-frame control", "with areas that were surveyed"),
         ("--area auto --shape object", "--area goes with --shape terrain"),
     ],
 )

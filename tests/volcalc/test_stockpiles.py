@@ -9,10 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely.geometry import Point
 
+from quantify_client.types import Window
 from quantify_client.volcalc.stockpiles.find import find_stockpiles
 from quantify_client.volcalc.stockpiles.jumps import STEEPEST, over_sides
-from quantify_client.volcalc.stockpiles.raster import HeightRaster
+from quantify_client.volcalc.stockpiles.raster import HeightRaster, raster_of
 from quantify_client.volcalc.stockpiles.watershed import PROMINENCE, split_at_saddles
+from quantify_client.volcalc.terrain.accumulate import TerrainAccumulator
 
 from .grounds import EAST, LEVEL, NORTH
 
@@ -28,7 +30,7 @@ def block(x, y, halves, top, at=(0.0, 0.0)):
     return np.where((np.abs(x - at[0]) < halves[0]) & (np.abs(y - at[1]) < halves[1]), top, 0.0)
 
 
-def raster_of(form, slope=0.0, noise=0.01, seed=0):
+def heights_of(form, slope=0.0, noise=0.01, seed=0):
     """Of heights around the middle of the site, which lies at map coordinates."""
     rng = np.random.default_rng(seed)
     y, x = (np.indices((SIDE, SIDE)) + 0.5) * CELL - MIDDLE
@@ -37,7 +39,7 @@ def raster_of(form, slope=0.0, noise=0.01, seed=0):
 
 
 def proposals(form, **about):
-    return find_stockpiles(raster_of(form, **about)).proposals
+    return find_stockpiles(heights_of(form, **about)).proposals
 
 
 def names(found):
@@ -86,13 +88,13 @@ def test_nothing_is_proposed_on_bare_ground(seed):
         return 0.03 * (np.sin(6.283 * x / length + a) + np.sin(6.283 * y / length + b))
 
     for form in (lambda x, y: 0 * x, waves):
-        found = find_stockpiles(raster_of(form, slope=0.1, seed=seed))
+        found = find_stockpiles(heights_of(form, slope=0.1, seed=seed))
         assert found.proposals == ()
         assert found.highest < found.least_height
 
 
 def test_of_a_level_plane_without_noise_nothing_stands_out():
-    found = find_stockpiles(raster_of(lambda x, y: 0 * x, noise=0.0))
+    found = find_stockpiles(heights_of(lambda x, y: 0 * x, noise=0.0))
     assert (found.proposals, found.highest, found.its_area) == ((), 0.0, 0.0)
     assert (found.least_height, found.least_area) == (2 * CELL, 64 * CELL**2)
 
@@ -135,7 +137,7 @@ def test_a_pile_with_a_cut_face_is_a_pile():
     ("limits", "expected"), [({}, 2), ({"least_height": 1.5}, 1), ({"least_area": 60.0}, 1)]
 )
 def test_least_height_and_area_leave_smaller_piles_out(limits, expected):
-    raster = raster_of(
+    raster = heights_of(
         lambda x, y: cone(x, y, at=(-7, 0)) + cone(x, y, radius=3.0, top=1.2, at=(8, 3))
     )
     found = find_stockpiles(raster, **limits)
@@ -204,7 +206,7 @@ def test_a_pile_goes_on_under_a_conveyor():
 @settings(max_examples=15)
 @given(st.integers(0, 3), st.tuples(st.integers(-20, 20), st.integers(-20, 20)))
 def test_turning_and_shifting_a_site_moves_its_proposals(quarters, shift):
-    raster = raster_of(
+    raster = heights_of(
         lambda x, y: np.maximum(
             np.maximum(cone(x, y, at=(4, 4)), cone(x, y, 4.0, 2.5, at=(-3, 4))),
             block(x, y, (2.2, 0.9), 1.5, at=(-4, -8)),
@@ -236,10 +238,36 @@ def test_over_sides_of_slopes_walls_and_faces():
     # A cell away is the ground on both sides: the wall is over it by what no slope explains.
     assert both[20, 30] == pytest.approx(3.0 - STEEPEST * 0.5)
     assert np.count_nonzero(both[20]) == 1
+    # Five cells wide: of the two sides the further one counts, or the nearer one.
+    block_of = np.where(np.abs(x) < 1.2, 9.0, 0.0) + np.zeros((40, 1))
+    both, one = over_sides(block_of, 0.5, 4.0)
+    assert both[20, 28:33] == pytest.approx(9.0 - STEEPEST * 0.5 * np.array([5, 4, 3, 4, 5]))
+    assert one[20, 28:33] == pytest.approx(9.0 - STEEPEST * 0.5 * np.array([1, 2, 3, 2, 1]))
     face = np.where(x < 0, 3.0, 0.0) + np.zeros((40, 1))
     both, one = over_sides(face, 0.5, 4.0)
     assert not both.any()
     assert one[20, 29] == pytest.approx(3.0 - STEEPEST * 0.5)
+
+
+@pytest.mark.parametrize("count", [3_000, 400_000])
+def test_a_raster_has_the_heights_of_its_places(count):
+    """Of a cloud in one part of its box."""
+    rng = np.random.default_rng(1)
+    x, y = rng.uniform(40, 60, count), rng.uniform(70, 90, count)
+    accumulator = TerrainAccumulator([Window(EAST, NORTH, EAST + 100, NORTH + 100)], room=False)
+    accumulator.absorb(accumulator.reduce(x + EAST, y + NORTH, LEVEL + 0.1 * x - 0.2 * y))
+    raster = raster_of(accumulator.points_of(0))
+    rows, columns = raster.z.shape
+    east = raster.min_x + (np.arange(columns) + 0.5) * raster.cell - EAST
+    north = raster.min_y + (np.arange(rows) + 0.5) * raster.cell - NORTH
+    expected = LEVEL + 0.1 * east - 0.2 * north[:, None]
+    inner = np.s_[1:-1, 1:-1]
+    off = np.abs(raster.z - expected)[inner]
+    assert np.nanmax(off) < 0.3 * raster.cell / 2
+    assert np.nanmean((raster.z - expected)[inner]) == pytest.approx(0, abs=0.01 * raster.cell)
+    # A few points in each.
+    assert 4.0 < count * raster.cell**2 / 400 < 20
+    assert (np.isfinite(raster.z).mean(), raster.seen.mean()) > (0.9, 0.95)
 
 
 @pytest.mark.parametrize(("saddle", "piles"), [(0.9 - PROMINENCE, 2), (1.1 - PROMINENCE, 1)])
