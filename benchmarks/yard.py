@@ -321,14 +321,17 @@ def compare_times(points: int, repeat: int) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "yard.laz"
         write(path, points_of(yard, rng, 0.03, 0.015, points / (WIDE * HIGH)))
-        times: Dict[str, List[float]] = {"auto": [], "one outline": []}
+        times: Dict[str, List[Tuple[float, float]]] = {"auto": [], "one outline": []}
         for turn in range(2 * repeat):
             kind = list(times)[turn % 2]
-            start = time.perf_counter()
+            start = time.perf_counter(), time.process_time()
             measure(path, area="auto" if kind == "auto" else around, shape="terrain")
-            times[kind].append(time.perf_counter() - start)
-    auto, one = (float(np.median(times[kind])) for kind in times)
-    print(f"{points:,} points: auto {auto:.1f} s, one outline {one:.1f} s, ratio {auto / one:.2f}")
+            end = time.perf_counter(), time.process_time()
+            times[kind].append((end[0] - start[0], end[1] - start[1]))
+    print(f"{points:,} points")
+    for place, clock in enumerate(("elapsed", "processor")):
+        auto, one = (float(np.median([row[place] for row in times[kind]])) for kind in times)
+        print(f"  {clock}: auto {auto:.1f} s, one outline {one:.1f} s, ratio {auto / one:.2f}")
 
 
 def main() -> None:
