@@ -95,12 +95,11 @@ def proposed_areas(
 
 def _nothing(found: Found) -> str:
     """Return what was found where there is no pile, what was expected, and what to do."""
+    seen = "nothing"
+    if found.highest > 0:
+        seen += f" higher than {found.highest:.3g} m over {found.its_area:.3g} m2"
     if found.proposals:
-        seen = f"{_counted(found.proposals)} and no pile"
-    elif found.highest > 0:
-        seen = f"nothing higher than {found.highest:.3g} m over {found.its_area:.3g} m2"
-    else:
-        seen = "nothing at all"
+        seen += f" but {_counted(found.proposals)}"
     return (
         f"{seen} stands out from the ground; expected a pile of at least "
         f"{found.least_height:.3g} m and {found.least_area:.3g} m2: give a smaller --least-height "

@@ -200,6 +200,12 @@ def test_a_pile_goes_on_under_a_conveyor():
     assert found[0].std > 0
 
 
+def test_objects_are_no_part_of_piles_that_have_to_be_higher():
+    raster = heights_of(lambda x, y: cone(x, y, at=(-6, 0)) + block(x, y, (2.2, 0.9), 1.5, (9, 0)))
+    for least in (None, 3.0):
+        assert names(find_stockpiles(raster, least).proposals) == ["pile-1", "vehicle-1"]
+
+
 # --- invariants
 
 

@@ -114,25 +114,29 @@ def find_stockpiles(
     least_area : m2; None for 64 cells.
     """
     ground = raster_ground(raster)
-    foot = _FOOT * ground.scatter
-    default = max(_LEAST_HEIGHT * ground.scatter, _LEAST_HEIGHT_CELLS * raster.cell)
+    height = max(_LEAST_HEIGHT * ground.scatter, _LEAST_HEIGHT_CELLS * raster.cell)
+    area = _LEAST_CELLS * raster.cell**2
     site = _Site(
         raster,
         np.where(raster.seen, ground.above, 0.0),
-        foot,
-        default if least_height is None else least_height,
-        _LEAST_CELLS * raster.cell**2 if least_area is None else least_area,
+        _FOOT * ground.scatter,
+        height if least_height is None else least_height,
+        area if least_area is None else least_area,
     )
-    objects, bare = narrow_objects(site.above, raster.cell, _WIDEST, site.least_height)
-    label = _piles(site, bare)
-    others = _others(site, bare, label)
-    objects, label = objects | others, np.where(others, 0, label)
-    proposals = [*_pile_proposals(site, bare, label, objects), *_object_proposals(site, objects)]
+    # Cars and belts are none of a pile that has to be higher than they are.
+    small = site._replace(
+        least_height=min(height, site.least_height), least_area=min(area, site.least_area)
+    )
+    objects, bare = narrow_objects(site.above, raster.cell, _WIDEST, small.least_height)
+    label = _between_slopes(small, bare)
+    others = _others(small, bare, label)
+    objects, label = objects | others, _large_enough(site, bare, np.where(others, 0, label))
+    proposals = [*_pile_proposals(site, bare, label, objects), *_object_proposals(small, objects)]
     highest, its_area = _highest(site, bare)
     return Found(tuple(_named(proposals)), site.least_height, site.least_area, highest, its_area)
 
 
-def _piles(site: _Site, bare: FloatArray) -> IntArray:
+def _between_slopes(site: _Site, bare: FloatArray) -> IntArray:
     """Return a label for each thing between slopes that is large enough, 0 elsewhere."""
     region = ndimage.binary_opening((bare > site.foot) & site.raster.seen, np.ones((3, 3)))
     label, _ = ndimage.label(region)
@@ -170,8 +174,6 @@ def _pile_proposals(
     push = int(np.ceil(site.foot / _FLANK / site.cell + 0.5))
     across = int(np.ceil(_WIDEST / site.cell))
     for number, place in enumerate(ndimage.find_objects(label), 1):
-        if place is None:
-            continue
         near = _wider(place, max(push, across) + 2, label.shape)
         own, blocked = label[near] == number, objects[near]
         height = float(bare[near][own].max())
