@@ -21,7 +21,8 @@ __all__ = ["main", "parse", "parser"]
 _FILE = {"bash": "_shtab_compgen_files", "zsh": "_files", "tcsh": "f"}
 _FOLDER = {"bash": "_shtab_compgen_dirs", "zsh": "_files -/", "tcsh": "d"}
 _FILES = {
-    **dict.fromkeys(("SOURCE", "FILE", "FILE.laz", "IMAGES", "PATH", "CODE|FILE"), _FILE),
+    **dict.fromkeys(("SOURCE", "FILE", "FILE.laz", "IMAGES", "PATH"), _FILE),
+    **dict.fromkeys(("CODE|FILE", "FILE|auto"), _FILE),
     "DIR": _FOLDER,
 }
 

@@ -18,6 +18,7 @@ from typing import Any, Dict, Iterable, List, Mapping, Optional, Tuple, Union
 from .errors import UsageError
 
 __all__ = [
+    "AUTO",
     "BASES",
     "DEFAULT_BASE",
     "DEFAULT_LAYER",
@@ -29,6 +30,7 @@ __all__ = [
     "Option",
     "Options",
     "choose_shape",
+    "proposes",
     "read_options",
 ]
 
@@ -47,6 +49,9 @@ BASES = (DEFAULT_BASE, *(name for name in _BASES if name != DEFAULT_BASE))
 #: What may be measured where two surfaces lie over each other, the default first.
 LAYERS = ("upper", "lower", "mean")
 DEFAULT_LAYER = LAYERS[0]
+
+#: In place of a file with areas: outlines are proposed for what stands out from the ground.
+AUTO = "auto"
 
 #: The units of lengths that a source may be in.
 UNITS = ("m", "cm", "mm", "ft", "us-ft")
@@ -87,7 +92,7 @@ class Option:
     metavar : what stands for a value in help, beside the choices.
     amount : in words, what a number may be.
     goes_with : what it is for, where it is not for everything: ``"object"`` (of which ``"section"``
-        and ``"polar"`` are methods), ``"terrain"`` or ``"control"``.
+        and ``"polar"`` are methods), ``"terrain"``, ``"control"`` or ``"proposals"``.
     request : lowest and highest number in a request to the plugin; None where it cannot be asked.
     title : what messages call an option that is no argument by itself.
     """
@@ -169,7 +174,8 @@ class Options:
     """Everything that decides a measurement; each field is a command-line option of the same name.
 
     Lengths and elevations are in metres, densities in t/m3. ``area`` is a file with polygons or
-    what :func:`quantify_client.measure` takes in its place, ``gcp`` a control file. ``crs``
+    what :func:`quantify_client.measure` takes in its place, or ``"auto"``; ``gcp`` is a control
+    file. ``crs``
     (``EPSG:n``, WKT, a PROJ string or a file with one) and ``vertical_unit`` go before what the
     cloud says; ``source_unit`` is for one that does not say. ``threads`` is 0 for as many as the
     processor has, up to 4. :data:`OPTIONS` has the rest.
@@ -178,9 +184,9 @@ class Options:
     area: Optional[Any] = _option(
         None,
         "polygons: GeoJSON or KML; with the extra 'vector' also shapefile, GeoPackage, DXF and "
-        "FlatGeobuf. One result for each",
+        "FlatGeobuf. One result for each; auto: outlines of stockpiles are proposed",
         MEASURED,
-        **_FILE,
+        **{**_FILE, "metavar": "FILE|auto"},
     )
     shape: str = _option(
         "auto",
@@ -208,6 +214,25 @@ class Options:
         request=(1, 1000),
     )
     slice_height: Optional[float] = _option(None, "height of the slices", MEASURED, **_LENGTH)
+    least_height: Optional[float] = _option(
+        None,
+        "with --area auto: lower piles are not proposed (default: ten standard deviations of the "
+        "ground, or two cells)",
+        MEASURED,
+        goes_with="proposals",
+        **{**_LENGTH, "request": None},
+    )
+    least_area: Optional[float] = _option(
+        None,
+        "with --area auto: smaller piles are not proposed (default: 64 cells)",
+        MEASURED,
+        kind="number",
+        metavar="AREA",
+        amount="an area above 0",
+        above=0.0,
+        goes_with="proposals",
+        request=None,
+    )
     base: Optional[Union[str, float]] = _option(
         None,
         f"the surface that volumes are measured from (default {DEFAULT_BASE})",
@@ -400,12 +425,25 @@ def _consistent(options: Options) -> Options:
         raise UsageError(f"{_go('section')} with --method section, not polar")
     if options.gcp is None and _for(given, "control"):
         raise UsageError(f"{_go('control')} with --gcp: give a control file")
+    if not proposes(options.area) and _for(given, "proposals"):
+        raise UsageError(f"{_go('proposals')} with --area auto: leave them out")
+    if proposes(options.area) and options.area_frame == "control":
+        raise UsageError("--area-frame control goes with areas that were surveyed: not --area auto")
     if options.gcp is not None and options.grid:
         raise UsageError(
             "--grid goes without --gcp: with control everything is measured on the ground, as the "
             "tapes are"
         )
     return options
+
+
+def proposes(area: Any) -> bool:
+    """Return whether outlines are to be proposed, and not read.
+
+    >>> proposes("auto"), proposes("./auto")
+    (True, False)
+    """
+    return isinstance(area, str) and area == AUTO
 
 
 def _for(names: Iterable[str], *purposes: str) -> List[str]:

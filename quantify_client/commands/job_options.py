@@ -15,7 +15,7 @@ from ..errors import CrsError, InputError, JobError, UsageError
 from ..files.reading import read_small, real_path
 from ..jobs.job import ARCHIVE, DONE, JOURNAL, Job
 from ..jobs.trust import is_own
-from ..options import OPTIONS, read_options
+from ..options import OPTIONS, proposes, read_options
 
 __all__ = ["FILES", "REPORT", "finished", "kept_options", "kept_units", "require_own_files"]
 
@@ -85,7 +85,7 @@ def _is_report(found: Any) -> bool:
 def require_own_files(folder: Path, job: Job, options: Mapping[str, Any]) -> None:
     """Raise JobError for files to measure by that somebody else chose, outside their folder."""
     for name in () if is_own(job) else FILES:
-        if options.get(name) is not None:
+        if options.get(name) is not None and not proposes(options[name]):
             path = real_path(options[name])
             if real_path(folder) not in path.parents:
                 raise JobError(

@@ -7,14 +7,14 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
 
-from ..options import OPTIONS
+from ..options import OPTIONS, proposes
 from ..pipeline.run import describe, measure
 from ..report.document.measurement import to_json
 from ..report.wording.words import coordinate_rows, printable
 from ..report.write import require_writable, write_report
 from ..types import AreaFailure, Measurement, plain, warnings_json
 from .credentials import access_of
-from .messages import complain_of, show_json, stages
+from .messages import complain_of, say, show_json, stages
 
 __all__ = ["deliver", "demo", "info", "inputs_of", "options_of", "volume"]
 
@@ -58,7 +58,8 @@ def demo(given: argparse.Namespace) -> int:
 
 def inputs_of(given: argparse.Namespace) -> List[Union[str, Path, None]]:
     """Return the files that a measurement reads."""
-    files = [given.area, given.gcp, given.crs, *getattr(given, "sources", ())]
+    area = None if proposes(given.area) else given.area
+    files = [area, given.gcp, given.crs, *getattr(given, "sources", ())]
     return [*files, given.ca, given.token_file]
 
 
@@ -76,6 +77,9 @@ def deliver(measurement: Measurement, out: Optional[Path], given: argparse.Names
             progress("drawing", 0.0)
             written = write_report(measurement, out, units=given.units)
             progress("drawing", 1.0)
+    for warning in measurement.warnings:
+        if given.json and getattr(warning, "code", "") == "objects-not-measured":
+            say(warning)
     if given.json:
         show_json(to_json(measurement))
     else:

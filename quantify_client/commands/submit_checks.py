@@ -15,7 +15,7 @@ from ..files.reading import real_path
 from ..jobs import JobPlan, plan_job
 from ..jobs.create import require_free
 from ..jobs.job import GCP_NAME
-from ..options import choose_shape, read_options
+from ..options import choose_shape, proposes, read_options
 from ..pipeline.control.control_alone import ControlPlan, plan_control
 from ..pipeline.same_site import AreaPlan, compare_areas, require_control_near
 from ..report.wording.words import printable
@@ -89,11 +89,12 @@ class Checked:
     def check_files(self) -> None:
         """Find mistakes in files and folders that would only show after a night."""
         given, kept = self.given, self.kept
-        if given.area is not None:
+        if given.area is not None and not proposes(given.area):
             require_polygons(given.area)
         require_free(given.out)
         require_writable(given.out / REPORT, inputs_of(given))
-        kept.update({name: str(real_path(kept[name])) for name in FILES if name in kept})
+        files = [name for name in FILES if not proposes(kept.get(name))]
+        kept.update({name: str(real_path(kept[name])) for name in files if name in kept})
         if "crs" in kept:
             kept["crs"] = given_crs(kept["crs"])  # its text: the file may be gone by tomorrow
 
@@ -126,7 +127,7 @@ class Checked:
     def check_areas(self) -> None:
         """Raise AreaError when no polygon is where the photographs were taken."""
         area = self.given.area
-        if area is None or self.photos is None:
+        if area is None or proposes(area) or self.photos is None:
             return
         plan = compare_areas(area, self.places)
         if plan.failures and len(plan.failures) == len(plan.names):

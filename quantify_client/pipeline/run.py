@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Mapping, Optional, Tuple, Union
 
 from ..crs import Frame, measuring_frame
-from ..options import Options, choose_shape, read_options
+from ..options import Options, choose_shape, proposes, read_options
 from ..sfm.servers.access import Access
 from ..source import Source, is_address, open_source
 from ..types import SCHEMA, Floor, Measurement
@@ -33,6 +33,8 @@ def measure(
     method: Optional[str] = None,
     slices: Union[str, int] = "auto",
     slice_height: Optional[float] = None,
+    least_height: Optional[float] = None,
+    least_area: Optional[float] = None,
     base: Optional[Union[str, float]] = None,
     toe: Optional[Union[str, float]] = None,
     layer: str = "upper",
@@ -61,6 +63,8 @@ def measure(
     *sources : a point cloud, an ODM project folder, an all.zip, an ept.json, the address of a task
         on a WebODM server, or several tiles of one survey.
     area : file with polygons, or GeoJSON, shapely geometries or a GeoDataFrame; a result for each.
+        Or ``"auto"``: outlines of stockpiles are proposed (:attr:`Measurement.proposals`) and
+        measured; then least_height (m) and least_area (m2) say which are large enough.
     shape, method, slices, slice_height, base, toe, layer, center_caps, hollow, max_gap, floor,
     accuracy, grid, gcp, area_frame, scale_mode, crs, source_unit, vertical_unit, threads : as on
         the command line (``quantify-client volume --help``) and in :class:`Options`; lengths and
@@ -87,7 +91,7 @@ def measure(
         list(sources),
         cameras=options.gcp is not None,
         access=access,
-        windowed=options.area is not None,
+        windowed=options.area is not None and not proposes(options.area),
         progress=report,
         options=options,
     ) as source:

@@ -24,9 +24,9 @@ import shapely
 from ..areas.read import Area, far_corner_problem
 from ..crs import Frame
 from ..errors import QuantifyError, UsageError
-from ..options import DEFAULT_BASE
+from ..options import DEFAULT_BASE, proposes
 from ..source import Source
-from ..types import AreaFailure, AreaResult, Bounds, Measurement, Notice, Options, Window
+from ..types import AreaFailure, AreaResult, Bounds, Measurement, Notice, Options, Proposal, Window
 from ..volcalc.terrain.accumulate import AreaPoints, TerrainAccumulator
 from ..volcalc.terrain.grid_offsets import measure_area
 from ..volcalc.terrain.measure import TerrainRecipe
@@ -38,21 +38,13 @@ from .common import (
     finish,
     ground_factor,
     measurement_of,
-    none_within_bounds,
     placed_level,
-    window_of,
 )
+from .stockpiles import Drawn, Separated, proposed_areas, separated, with_outline
 from .streaming import Progress, accumulate, thread_count
+from .whole_cloud import nearest_to_zero, read_whole
 
 __all__ = ["measure_areas"]
-
-#: A cloud whose core fills less than this share of its box is read again, in cells fit for it ...
-_LEAST_FILLED = 0.1
-_LEAST_FILLED_AGAIN = 0.5
-
-#: ... at most so often: each pass narrows the box by as many cells as it has, ten at least, or is
-#: the last.
-_PASSES = 10
 
 #: Points per cube that are rarely exceeded when the cubes fit their area.
 _CROWDED = 16
@@ -100,6 +92,7 @@ class _AreaSite:
     Attributes
     ----------
     name, polygon : of the area; the polygon counts from the local origin of the points.
+    outline_std : of its volume, for an outline that nobody drew, m3.
     points : what the pass kept.
     left_out : counts of points that the reader left out, by reason.
     """
@@ -108,6 +101,7 @@ class _AreaSite:
     polygon: shapely.Geometry
     points: AreaPoints
     left_out: Mapping[str, int]
+    outline_std: float = 0.0
 
     @cached_property
     def extent(self) -> _Extent:
@@ -117,19 +111,27 @@ class _AreaSite:
 
 
 def measure_areas(source: Source, frame: Frame, options: Options, report: Progress) -> Measurement:
-    """Measure each area, or the whole cloud where none is drawn."""
+    """Measure each area that is drawn or proposed, or the whole cloud."""
     box = bounds_in_frame(source, frame)
     batches: Iterable[Dict[int, _AreaSite]]
+    if options.toe is not None and (options.area is None or proposes(options.area)):
+        raise UsageError("--toe moves outlines that were drawn; give them by --area")
     if options.area is None:
-        if options.toe is not None:
-            raise UsageError("--toe moves outlines that were drawn; give them by --area")
         site, warnings = _whole(source, frame, box, options, report)
         areas: Sequence[Union[Area, AreaFailure]] = [Area(site.name, site.polygon)]
         batches = [{0: site}]
+        proposals: Sequence[Proposal] = ()
     else:
-        drawn = drawn_areas(source, frame, options, report)
-        areas, warnings = drawn.areas, list(drawn.warnings)
-        batches = _sites(source, frame, areas, box, options, report)
+        if proposes(options.area):
+            drawn = proposed_areas(source, frame, box, options, report)
+        else:
+            drawn = Drawn(drawn_areas(source, frame, options, report))
+        parts = separated(drawn)
+        areas, proposals = parts.areas, parts.proposals
+        warnings = [*drawn.areas.warnings, *parts.warnings()]
+        if parts.whole is not None:
+            warnings += _far_away(parts.whole.lost)
+        batches = _sites(source, frame, parts, box, options, report)
     if options.accuracy is not None:
         warnings.append(_ACCURACY_IGNORED)
     base = placed_level(frame, options, options.base, cloud_window(source, frame))
@@ -153,77 +155,60 @@ def measure_areas(source: Source, frame: Frame, options: Options, report: Progre
         whole = _Extent.around(extents)
         factor = ground_factor(source, frame, whole.place, whole.middle, options)
         warnings += _steepness(whole) or _plunges(results)
-    return measurement_of(source, frame, "terrain", factor, results, warnings)
+    measurement = measurement_of(source, frame, "terrain", factor, results, warnings)
+    return replace(measurement, proposals=tuple(proposals))
 
 
 def _sites(
     source: Source,
     frame: Frame,
-    areas: Sequence[Union[Area, AreaFailure]],
+    parts: Separated,
     box: Bounds,
     options: Options,
     report: Progress,
 ) -> Iterator[Dict[int, _AreaSite]]:
-    """Yield all areas with their points, by number: as many at a time as memory holds."""
+    """Yield all areas with their points, by number: as many at a time as memory holds.
+
+    Without the points over everything else that was proposed: neither an object nor a pile beside
+    an area is part of it, nor of the ground around it.
+    """
+    waiting = {number: area for number, area in enumerate(parts.areas) if isinstance(area, Area)}
+
+    def site_of(number: int, points: AreaPoints, left_out: Mapping[str, int]) -> _AreaSite:
+        area = waiting.pop(number)
+        others = parts.others(area.polygon)
+        if not others.is_empty:
+            points = points.without(points.to_local(others))
+        std = parts.outline_std.get(area.name, 0.0)
+        return _AreaSite(area.name, points.to_local(area.polygon), points, left_out, std)
+
+    if parts.whole is not None:
+        near = {n: parts.points_near(area.polygon) for n, area in waiting.items()}
+        left_out = parts.whole.left_out
+        batch = {n: site_of(n, one, left_out) for n, one in near.items() if one is not None}
+        if batch:
+            yield batch
     threads = thread_count(options.threads)
-    waiting = {number: area for number, area in enumerate(areas) if isinstance(area, Area)}
     while waiting:
         numbers, polygons = list(waiting), [area.polygon for area in waiting.values()]
         boxes = [Window(*polygon.bounds).grown(_reach(polygon, options)) for polygon in polygons]
-        accumulator = TerrainAccumulator(boxes, _nearest_to_zero(box))
+        accumulator = TerrainAccumulator(boxes, nearest_to_zero(box))
         left_out = accumulate(source.cloud, frame, accumulator, threads, report)
-        batch = {}
-        for place, (number, polygon) in enumerate(zip(numbers, polygons)):
-            if place not in accumulator.postponed:
-                points = accumulator.points_of(place)
-                name = waiting.pop(number).name
-                batch[number] = _AreaSite(name, points.to_local(polygon), points, left_out)
-        yield batch
+        yield {
+            number: site_of(number, accumulator.points_of(place), left_out)
+            for place, number in enumerate(numbers)
+            if place not in accumulator.postponed
+        }
 
 
 def _whole(
     source: Source, frame: Frame, box: Bounds, options: Options, report: Progress
 ) -> Tuple[_AreaSite, List[str]]:
-    """Return the whole cloud, without distant outliers, with its outline; and warnings.
-
-    With one point a thousand kilometres away, or a wrong header, the cells would be too coarse for
-    all other points: the cloud is then read again, in cells that fit its core.
-    """
-    site, least = window_of(box), _LEAST_FILLED
-    threads = thread_count(options.threads)
-    for _ in range(_PASSES):
-        accumulator = TerrainAccumulator([site], _nearest_to_zero(box), room=False)
-        left_out = accumulate(source.cloud, frame, accumulator, threads, report)
-        points = accumulator.points_of(0)
-        core = core_window(points)
-        if core is None:
-            raise none_within_bounds()
-        core = Window(
-            max(core.min_x, site.min_x),
-            max(core.min_y, site.min_y),
-            min(core.max_x, site.max_x),
-            min(core.max_y, site.max_y),
-        )
-        if _extent(core) > least * _extent(site):
-            break
-        # Found in large cells, its edges are theirs: half empty is then still too coarse.
-        site, least = core, _LEAST_FILLED_AGAIN
-    outline = cloud_outline(points)
-    seen = accumulator.seen
-    if source.cloud.info.point_count is not None:
-        seen = source.cloud.info.point_count - sum(left_out.values())
-    lost = seen - int(points.cubes.count.sum()) - points.cubes.too_far
-    area = _AreaSite(source.stem, outline.polygon, points, left_out)
-    return area, [*_far_away(lost), *_outsiders(outline)]
-
-
-def _nearest_to_zero(box: Bounds) -> float:
-    """Return the height of the cloud that is nearest to zero, metres."""
-    return min(max(box.min_z, 0.0), max(box.max_z, 0.0)) if box.min_z <= box.max_z else 0.0
-
-
-def _extent(window: Window) -> float:
-    return (window.max_x - window.min_x) * (window.max_y - window.min_y)
+    """Return the whole cloud, without distant outliers, with its outline; and warnings."""
+    whole = read_whole(source, frame, box, options, report)
+    outline = cloud_outline(whole.points)
+    area = _AreaSite(source.stem, outline.polygon, whole.points, whole.left_out)
+    return area, [*_far_away(whole.lost), *_outsiders(outline)]
 
 
 def _far_away(lost: int) -> Iterator[Notice]:
@@ -318,6 +303,7 @@ def _measure_site(
         factor = ground_factor(source, frame, place, middle, options) or 1.0
         own = replace(recipe, ground_factor=factor, toe=_reach(site.polygon, options) or None)
         result = measure_area(site.name, site.polygon, site.points, own)
+        result = with_outline(result, site.outline_std)
         left_out = {**site.left_out, _TOO_FAR: site.points.cubes.too_far}
         return finish(result, left_out, options)
     except QuantifyError as error:

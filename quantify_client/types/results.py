@@ -28,6 +28,7 @@ __all__ = [
     "Gap",
     "INTERVAL95",
     "Measurement",
+    "Proposal",
     "Relief",
     "Scaled",
     "Slice",
@@ -294,6 +295,21 @@ class AreaFailure:
     error: Line
 
 
+@dataclass(frozen=True)
+class Proposal:
+    """An outline that was proposed (``--area auto``), now or in a file that was read again.
+
+    ``polygon_wkb`` is the outline in the measuring frame, as WKB.
+    """
+
+    name: Name
+    kind: Annotated[str, Text(40, known=("pile", "structure", "vegetation", "vehicle"))]
+    height_m: Annotated[Optional[float], "Of its highest cell above the ground around it."]
+    area_m2: Positive
+    measured: Annotated[bool, "Piles are among the results by the same name, others are not."]
+    polygon_wkb: Annotated[bytes, LEFT_OUT] = field(default=b"", repr=False)
+
+
 @dataclass(frozen=True, repr=False)
 class Measurement(Notebook):
     """All results of one measurement.
@@ -322,6 +338,7 @@ class Measurement(Notebook):
     method_revision: Annotated[
         int, Whole(1), "Volumes of different revisions are not comparable. Missing: 1."
     ] = 1
+    proposals: Annotated[Sequence[Proposal], Length(1000), "With --area auto."] = ()
     frame: Annotated[Optional[Any], LEFT_OUT] = field(default=None, repr=False, compare=False)
 
     @property

@@ -29,7 +29,7 @@ from .schemas import closed, schema, valid
 
 DOCUMENT_KEYS = (
     "schema source crs length_unit shape method grid_scale_factor scale results warnings "
-    "provenance method_revision"
+    "provenance method_revision proposals"
 ).split()
 RESULT_KEYS = (
     "name volume_m3 cut_m3 fill_m3 std_m3 interval95_m3 cut_std_m3 cut_interval95_m3 fill_std_m3 "

@@ -9,7 +9,7 @@ from shapely.geometry.polygon import orient
 
 from ...errors import CrsError
 from ...files.writing import GENERATOR
-from ...types import AreaFailure, AreaResult, Measurement, plain
+from ...types import AreaFailure, AreaResult, Measurement, Proposal, plain
 from .measurement import flat_properties, to_json
 
 if TYPE_CHECKING:
@@ -26,7 +26,8 @@ OUTLINE_DECIMALS = 6  # of what is measured by again, perhaps a body of centimet
 def to_geojson(measurement: Measurement) -> Dict[str, Any]:
     """Return a FeatureCollection: a feature for each result, failures with geometry null.
 
-    And one for each outline that is proposed, with the property ``proposed``.
+    Outlines that were proposed say so (``proposed``, ``kind``, ``height_m``); those of other kinds
+    than piles, which are no results, follow, and what to use instead of an outline on a pile.
 
     Longitude and latitude of WGS 84, outer rings counter-clockwise. Without a CRS the cloud's
     own coordinates, which RFC 7946 does not know: the collection and each feature then say so
@@ -36,15 +37,24 @@ def to_geojson(measurement: Measurement) -> Dict[str, Any]:
     if frame is None or frame.crs is None:
         frame = None
     results, remark = measurement.results, "" if frame else CLOUD_COORDINATES
+    others = [one for one in measurement.proposals if not one.measured]
     try:
         geometries = [_geometry(result, frame) for result in results]
+        outlines = [_placed(one.polygon_wkb, frame) for one in others]
     except CrsError as error:  # a report is not lost for it
         remark = f"cloud coordinates: {error}"
         geometries = [_geometry(result, None) for result in results]
+        outlines = [_placed(one.polygon_wkb, None) for one in others]
     said = {"coordinate_reference": remark} if remark else {}
+    proposed = {one.name: _proposed(one) for one in measurement.proposals}
+    rows = [
+        {**flat_properties(row), **proposed.get(row["name"], {})}
+        for row in to_json(measurement)["results"]
+    ]
+    rows += [{**proposed[one.name], "area_m2": one.area_m2} for one in others]
     features = [
-        {"type": "Feature", "geometry": geometry, "properties": {**flat_properties(row), **said}}
-        for geometry, row in zip(geometries, to_json(measurement)["results"])
+        {"type": "Feature", "geometry": geometry, "properties": {**row, **said}}
+        for geometry, row in zip([*geometries, *outlines], rows)
     ]
     features += [
         {
@@ -64,6 +74,10 @@ def _geometry(
     if isinstance(result, AreaFailure) or result.relief is None:
         return None
     return _placed(result.relief.polygon_wkb, frame)
+
+
+def _proposed(one: Proposal) -> Dict[str, Any]:
+    return {"name": one.name, "kind": one.kind, "height_m": one.height_m, "proposed": True}
 
 
 def _placed(wkb: bytes, frame: Optional[Frame]) -> Dict[str, Any]:

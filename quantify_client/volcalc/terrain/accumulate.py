@@ -7,13 +7,14 @@ from typing import Any, Iterator, List, Mapping, Sequence, Tuple
 
 import numpy as np
 import numpy.typing as npt
+import shapely
 import shapely.affinity
 from shapely.geometry import MultiPolygon, Polygon
 
 from ...types import FloatArray, IntArray, Window
 from .around import AroundRoutes, AroundSamples, patch_side
 from .buckets import Buckets
-from .grid import EDGE_TOLERANCE
+from .grid import EDGE_TOLERANCE, CellWindow
 from .histogram import (
     Cubes,
     CubeStore,
@@ -70,6 +71,43 @@ class AreaPoints:
     def to_frame(self, shape: Polygon | MultiPolygon) -> Polygon | MultiPolygon:
         """Return a shape that counts from the local origin, in the frame."""
         return shapely.affinity.translate(shape, self.box.min_x, self.box.min_y)
+
+    def near(self, shape: Polygon | MultiPolygon) -> AreaPoints:
+        """Return what was kept of a part of the area, and around it as far as it is long.
+
+        Parameters
+        ----------
+        shape : the part, from the local origin, which stays where it is.
+        """
+        left, bottom, right, top = shape.bounds
+        room = max(right - left, top - bottom)
+        cubes = self.cubes
+        window = CellWindow.around(
+            Window(left - room, bottom - room, right + room, top + room), cubes.cell, 0
+        )
+        near = window.holds(cubes.row - window.first_y, cubes.column - window.first_x)
+        away = np.abs(self.sample[:, :2] - [(left + right) / 2, (bottom + top) / 2])
+        around = (away <= [(right - left) / 2 + room, (top - bottom) / 2 + room]).all(axis=1)
+        over = (away <= [(right - left) / 2, (top - bottom) / 2]).all(axis=1)
+        return replace(
+            self,
+            cubes=cubes.select(near),
+            sample=self.sample[over],
+            around=self.sample[around],
+        )
+
+    def without(self, shape: Polygon | MultiPolygon) -> AreaPoints:
+        """Return what was kept without all that lies over a shape, from the local origin."""
+        cubes = self.cubes
+        middles = (cubes.column + 0.5) * cubes.cell, (cubes.row + 0.5) * cubes.cell
+        places = [np.column_stack(middles), self.sample[:, :2], self.around[:, :2]]
+        cubes_off, sample_off, around_off = (~shapely.contains_xy(shape, place) for place in places)
+        return replace(
+            self,
+            cubes=cubes.select(cubes_off),
+            sample=self.sample[sample_off],
+            around=self.around[around_off],
+        )
 
     def shifted(self, east: int, north: int) -> AreaPoints:
         """Return all that was kept moved by whole cubes: see `Cubes.shifted`."""

@@ -1,0 +1,1 @@
+"""Stockpiles found in the heights of a whole cloud, with what else stands on the ground."""
