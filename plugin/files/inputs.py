@@ -57,6 +57,8 @@ _LON_LAT = ("CRS84", "4326")
 #: The panel's names of command line options that messages of the library mention.
 _FIELDS = {
     "--crs": "\u201cCoordinate system\u201d",
+    "--toe": "\u201cMove each outline to the toe\u201d",
+    "--layer": "\u201cTwo surfaces in one place\u201d",
     "--vertical-unit": "\u201cUnit of heights\u201d",
     "--source-unit": "\u201cUnit of lengths\u201d",
     "--gcp": "control",

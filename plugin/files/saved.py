@@ -108,8 +108,10 @@ _LAYER = Record(
         "outlines": Record(
             {"type": Text(among=("FeatureCollection",)), "features": Listed(_OUTLINE, 200)}
         ),
+        "proposal": Maybe(_Checked(lambda value, where: checked_area(value))),
     },
     others="keep",
+    defaults={"proposal": None},
 )
 _FIELDS = {
     "schema": Text(among=_READ),

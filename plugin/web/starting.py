@@ -9,7 +9,7 @@ from ..files.inputs import LIMITS, checked_area, in_panel_words
 from ..files.store import UnreadableError, in_turn, read_capped, read_head
 from ..files.untrusted_json import MisshapenError, read_json
 from ..quantify_client.errors import UsageError
-from ..quantify_client.options import choose_shape, read_options
+from ..quantify_client.options import AUTO, choose_shape, read_options
 from ..worker.entry import run_job
 from .base import COMPLETED, PACKAGE, jobs_root, refused
 from .broker import BrokerError, enqueue
@@ -79,9 +79,11 @@ def crop_of(task):
 
 
 def area_of(task, wanted):
-    """Return what is to be measured as a FeatureCollection; None for the whole cloud."""
+    """Return what is to be measured as a FeatureCollection, or AUTO; None for the whole cloud."""
     if wanted == "whole":
         return None
+    if wanted == AUTO:
+        return AUTO
     if wanted == "crop":
         crop = crop_of(task)
         if crop is None:
@@ -91,7 +93,7 @@ def area_of(task, wanted):
             )
         return checked_area({"type": "Feature", "properties": {"name": "crop"}, "geometry": crop})
     if not isinstance(wanted, dict):
-        raise MisshapenError('area has to be GeoJSON, "crop" or "whole"')
+        raise MisshapenError('area has to be GeoJSON, "crop", "auto" or "whole"')
     return checked_area(wanted)
 
 

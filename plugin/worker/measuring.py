@@ -19,9 +19,10 @@ from ..files.store import MOST_BYTES, disk_words, write_json
 from ..quantify_client import measure
 from ..quantify_client.crs import require_crs
 from ..quantify_client.errors import CloudError, QuantifyError
+from ..quantify_client.options import AUTO
 from ..quantify_client.report.document.measurement import to_json
 from ..quantify_client.types import Notice, Options, warnings_json
-from ..quantify_client.webmap.layers import map_layers
+from ..quantify_client.webmap.layers import map_layers, measured_proposals
 from .stopping import stop_process
 
 __all__ = ["run", "sized"]
@@ -147,7 +148,8 @@ def _document(folder, asked, progress):
     document["source"] = asked["task_name"]
     for entry in document["provenance"]["input"]:
         entry["path"] = Path(entry["path"]).name
-    area = _named(asked["area"], measurement)
+    proposed = measured_proposals(measurement) if asked["area"] == AUTO else asked["area"]
+    area = _named(proposed, measurement)
     layers = map_layers(measurement)
     progress("drawing", 1.0)
     return {

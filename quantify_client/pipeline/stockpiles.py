@@ -42,6 +42,9 @@ __all__ = ["Drawn", "Separated", "proposed_areas", "separated", "with_outline"]
 
 _MOST_NAMES = 8
 
+#: As many results as a document holds.
+_MOST_PILES = 200
+
 #: Cells of a pile, at least, where the points would allow for finer ones: with their shares inside
 #: the outline exact, and in four grid offsets, cones are then right to 0.1 %
 #: (tests/test_stockpiles_command.py).
@@ -79,8 +82,14 @@ def proposed_areas(
     if not len(whole.points.cubes.count):
         raise none_within_bounds()
     found = find_stockpiles(raster_of(whole.points), options.least_height, options.least_area)
-    if not any(one.kind == PILE for one in found.proposals):
+    piles = sum(one.kind == PILE for one in found.proposals)
+    if not piles:
         raise SupportError(_nothing(found))
+    if piles > _MOST_PILES:
+        raise SupportError(
+            f"{piles} piles stand out from the ground, more than {_MOST_PILES} results at a time; "
+            "give a larger --least-height or --least-area"
+        )
     areas = [
         Area(
             one.name,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import json
 import math
 import struct
 import zlib
@@ -20,7 +21,7 @@ from ..report.figures import DIVERGING
 from ..types import AreaFailure, AreaResult, Body, FloatArray, Measurement, Relief, Slice
 from .contours import contour
 
-__all__ = ["OnMap", "indexed_png", "map_layers", "on_map"]
+__all__ = ["OnMap", "indexed_png", "map_layers", "measured_proposals", "on_map"]
 
 Colour = Tuple[int, int, int, int]
 
@@ -81,13 +82,19 @@ def map_layers(measurement: Measurement) -> List[Dict[str, Any]]:
 
     ``relief`` is a PNG in base64 with its bounds ([south, west], [north, east]), in equal steps of
     Web Mercator; ``outlines`` a FeatureCollection of the slices' outlines at their middles, in
-    longitude and latitude. Both are empty for a cloud without a CRS and for a failure.
+    longitude and latitude; ``proposal`` one of the outline to use instead, where there is one. All
+    are empty for a cloud without a CRS and for a failure.
     """
     return [_layer(result, measurement.frame) for result in measurement.results]
 
 
 def _layer(result: Any, frame: Optional[Frame]) -> Dict[str, Any]:
-    layer: Dict[str, Any] = {"name": result.name, "relief": None, "outlines": _collection([])}
+    layer: Dict[str, Any] = {
+        "name": result.name,
+        "relief": None,
+        "outlines": _collection([]),
+        "proposal": None,
+    }
     if isinstance(result, AreaFailure) or frame is None:
         return layer
     try:
@@ -96,11 +103,50 @@ def _layer(result: Any, frame: Optional[Frame]) -> Dict[str, Any]:
             if plane is not None:
                 layer["relief"] = _picture(result.relief, plane)
                 layer["outlines"] = _terrain_outlines(result, result.relief, plane)
+                layer["proposal"] = _proposal(result, result.relief, plane)
         elif result.body is not None:
             layer["outlines"] = _body_outlines(result, result.body, frame)
     except CrsError:
         pass  # no map can show it; the numbers are complete without
     return layer
+
+
+def _proposal(result: AreaResult, relief: Relief, plane: OnMap) -> Optional[Dict[str, Any]]:
+    """Return the outline to use instead of the one that was drawn; None without."""
+    if relief.proposal_wkb is None:
+        return None
+    return _collection([_area(result.name, relief.proposal_wkb, plane)])
+
+
+def measured_proposals(measurement: Measurement) -> Optional[Dict[str, Any]]:
+    """Return the outlines that were proposed and measured, in the order of the results.
+
+    A FeatureCollection in longitude and latitude; None where one of the results has none, or where
+    the cloud has no place on a map.
+    """
+    outlines = {one.name: one.polygon_wkb for one in measurement.proposals if one.measured}
+    features, frame = [], measurement.frame
+    for result in measurement.results:
+        relief = getattr(result, "relief", None)
+        plane = _plane(frame, relief) if frame is not None and relief is not None else None
+        if plane is None or result.name not in outlines:
+            return None
+        features.append(_area(result.name, outlines[result.name], plane))
+    return _collection(features)
+
+
+def _area(name: str, wkb: bytes, plane: OnMap) -> Dict[str, Any]:
+    """Return an outline in the measuring frame as a feature in longitude and latitude."""
+
+    def placed(places: FloatArray) -> FloatArray:
+        return np.round(np.column_stack(plane.lon_lat(*places.T)), DECIMALS + 1)
+
+    geometry = shapely.transform(shapely.from_wkb(wkb), placed)
+    return {
+        "type": "Feature",
+        "properties": {"name": name},
+        "geometry": json.loads(shapely.to_geojson(geometry)),
+    }
 
 
 def _plane(frame: Frame, relief: Relief) -> Optional[OnMap]:

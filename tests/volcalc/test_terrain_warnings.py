@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import pytest
 
 from quantify_client.types import BudgetItem
+from quantify_client.volcalc.terrain.flanks import OnPile
 from quantify_client.volcalc.terrain.layers import Layers
-from quantify_client.volcalc.terrain.toe import OnPile
 from quantify_client.volcalc.terrain.warnings import Findings, warnings_of
 
 

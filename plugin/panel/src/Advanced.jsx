@@ -25,7 +25,14 @@ export default class Advanced extends React.Component {
             { key: "terrain", text: _("Terrain: a surface against a base") },
             { key: "object", text: _("Closed body, scanned all round") },
           ]} />
-        {form.shape === "object" ? this.renderBody() : null}
+        {form.shape === "object" ? this.renderBody() : (
+          <Select label={_("Two surfaces in one place")} value={form.layer} onChange={(layer) => onChange({ layer })}
+            options={[
+              { key: "upper", text: _("The upper one: a roof, a crown") },
+              { key: "lower", text: _("The lower one: what is under it") },
+              { key: "mean", text: _("Their mean") },
+            ]} />
+        )}
         <Select label={_("Slices")} value={form.slicing} onChange={(slicing) => onChange({ slicing })}
           options={[
             { key: "auto", text: _("Automatic") },

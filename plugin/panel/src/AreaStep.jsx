@@ -39,6 +39,13 @@ export default class AreaStep extends React.Component {
       { key: "draw", text: _("Draw"), icon: "draw", disabled: object || !info.has_crs || !map, hint: noPlace || noMap },
       { key: "file", text: _("File"), icon: "file", disabled: object || !info.has_crs, hint: noPlace || _("GeoJSON") },
       {
+        key: "auto",
+        text: _("Find"),
+        icon: "find",
+        disabled: object,
+        hint: _("Finds the stockpiles: whatever stands out from the ground"),
+      },
+      {
         key: "crop",
         text: _("Crop"),
         icon: "crop",
@@ -65,6 +72,9 @@ export default class AreaStep extends React.Component {
   renderChoice(value, object) {
     if (value === "draw") return this.renderDrawing();
     if (value === "file") return this.renderFile();
+    if (value === "auto") {
+      return <p className="vc-quiet">{_("Finds what stands out from the ground and measures each pile. Take its outlines into the form afterwards with \"Change\", to edit them.")}</p>;
+    }
     if (value === "crop") return <p className="vc-quiet">{_("Measures inside the task's crop area.")}</p>;
     return (
       <p className="vc-quiet">

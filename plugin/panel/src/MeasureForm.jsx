@@ -8,7 +8,7 @@ import CoordinatesStep from "./CoordinatesStep";
 import { basesOf, wrongFields } from "./form";
 import { _ } from "./gettext";
 import { baseHint, baseName } from "./words";
-import { Field, Notice, Select } from "./ui";
+import { Check, Field, Notice, Select } from "./ui";
 
 export default class MeasureForm extends React.Component {
   state = { tried: false };
@@ -78,6 +78,10 @@ export default class MeasureForm extends React.Component {
         {form.base === "elevation" ? (
           <Field label={_("Elevation")} short value={form.elevation} unit={units.lengthUnit} wrong={wrong.elevation}
             onChange={(elevation) => onChange({ elevation })} />
+        ) : null}
+        {form.area === "draw" || form.area === "file" ? (
+          <Check label={_("Move each outline to the toe that the terrain shows")} checked={form.toe}
+            onChange={(toe) => onChange({ toe })} />
         ) : null}
       </div>
     );

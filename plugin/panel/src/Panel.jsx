@@ -274,13 +274,22 @@ export default class Panel extends React.Component {
     this.setState({ view: "measure", result: null });
   };
 
+  /** Measure again with the outline that a result proposes; with control there is more to be given. */
+  takeProposal = (doc, index) => {
+    const drawn = doc.area || { type: "FeatureCollection", features: [] };
+    const features = [...drawn.features];
+    const { geometry, properties } = doc.layers[index].proposal.features[0];
+    features[index] = { type: "Feature", properties, ...features[index], geometry };
+    this.edit({ ...doc, area: { ...drawn, features } }, doc.control ? undefined : this.measure);
+  };
+
   /** Take the area and the settings of a measurement into the form. */
-  edit = (doc) => {
+  edit = (doc, then) => {
     const { map } = this.props;
     const { info, units } = this.state;
     this.hideLayers();
     if (doc.area && map) this.editor.load(doc.area);
-    this.setState({ view: "measure", result: null, form: withBase(fromDocument(doc, units, Boolean(map)), info) });
+    this.setState({ view: "measure", result: null, form: withBase(fromDocument(doc, units, Boolean(map)), info) }, then);
   };
 
   // What is on the screen.
@@ -361,7 +370,7 @@ export default class Panel extends React.Component {
       return (
         <Result key={result.doc.id} doc={result.doc} unsaved={result.unsaved} info={info} units={units} onMap={Boolean(map)}
           api={new TaskApi(result.doc.task || info.task.id)} own={result.unsaved && this.mine.find(result.unsaved.job)}
-          onSave={this.save} onRename={this.rename} onNew={this.newMeasurement} onEdit={this.edit} onDrop={this.dropShown}
+          onSave={this.save} onRename={this.rename} onNew={this.newMeasurement} onEdit={this.edit} onPropose={this.takeProposal} onDrop={this.dropShown}
           onBack={() => this.turnTo("saved")} />
       );
     }

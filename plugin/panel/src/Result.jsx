@@ -105,7 +105,7 @@ export default class Result extends Acting {
   }
 
   renderResult(result) {
-    const { doc, units, onMap } = this.props;
+    const { doc, units, onMap, onPropose } = this.props;
     const terrain = doc.measurement.shape === "terrain";
     const layer = (doc.layers || [])[this.state.chosen];
     const [low, high] = result.interval95_m3 || [];
@@ -137,6 +137,14 @@ export default class Result extends Acting {
         {warningWords(result).map((words) => (
           <Notice key={words} kind="warning">{units.sentence(words)}</Notice>
         ))}
+        {layer && layer.proposal && onMap ? (
+          <div className="vc-tools">
+            <Button primary onClick={() => onPropose(doc, this.state.chosen)}
+              title={_("Measures again with the dashed outline on the map")}>
+              <Icon name="ok" /> {_("Use the proposed outline")}
+            </Button>
+          </div>
+        ) : null}
         {result.slices && result.slices.length ? <Chart result={result} terrain={terrain} units={units} /> : null}
         {onMap && layer && layer.relief ? <Legend relief={layer.relief} units={units} terrain={terrain} /> : null}
         <Fold title={_("What the error is made of")} said={units.margin(result.std_m3)}>

@@ -5,10 +5,12 @@ import { _ } from "./gettext";
 import { isUnclear, retyped, typed } from "./units";
 
 export const EMPTY_FORM = {
-  area: "draw", // draw | file | crop | whole
+  area: "draw", // draw | file | auto | crop | whole
   file: null, // {name, geojson, count}
   base: "", // the server's default
   elevation: "",
+  toe: false, // outlines are moved to the toe
+  layer: "upper", // upper | lower | mean, where two surfaces lie over each other
   density: "",
   densitySigma: "",
   shape: "terrain",
@@ -98,6 +100,8 @@ export function toOptions(form, units) {
   if (form.slicing === "height") options.slice_height = metres(form.sliceHeight);
   if (form.shape === "terrain") {
     options.base = form.base === "elevation" ? metres(form.elevation) : form.base;
+    if (form.toe && (form.area === "draw" || form.area === "file")) options.toe = "auto";
+    if (form.layer !== "upper") options.layer = form.layer;
   } else {
     options.method = form.method;
     if (form.method === "polar" && form.centerCaps) options.center_caps = true;
@@ -141,6 +145,8 @@ function fromOptions(options, units) {
   if (has("method")) form.method = options.method;
   if (typeof options.base === "number") Object.assign(form, { base: "elevation", elevation: length(options.base) });
   else if (has("base")) form.base = options.base;
+  form.toe = has("toe");
+  if (has("layer")) form.layer = options.layer;
   if (typeof options.slices === "number") Object.assign(form, { slicing: "count", slices: String(options.slices) });
   if (has("slice_height")) Object.assign(form, { slicing: "height", sliceHeight: length(options.slice_height) });
   if (has("density")) form.density = retyped(String(options.density), units.densityPerSI);

@@ -16,6 +16,7 @@ export function showResult(map, task, document) {
   const added = [
     [sound(reliefLayer, document), fill(_("%(name)s: cut and fill"), { name })],
     [sound(outlinesLayer, document), fill(_("%(name)s: slices"), { name })],
+    [sound(proposalsLayer, document), fill(_("%(name)s: proposed outlines"), { name })],
   ].filter(([layer]) => layer !== null);
   added.forEach(([layer, title]) => {
     shownLayers.add(layer);
@@ -120,6 +121,15 @@ function outlinesLayer({ layers }) {
           { sticky: true, className: "volcalc-tooltip" }),
       });
     });
+  return parts.length ? L.featureGroup(parts) : null;
+}
+
+function proposalsLayer({ layers }) {
+  const parts = (layers || []).map(({ proposal }) => proposal).filter(Boolean).map((proposal) =>
+    L.geoJSON(proposal, {
+      style: { color: "#40c057", weight: 2.5, dashArray: "6 5", fill: false },
+      interactive: false,
+    }));
   return parts.length ? L.featureGroup(parts) : null;
 }
 

@@ -17,13 +17,15 @@ from ...types import AreaResult, BudgetItem, FloatArray, Relief
 from .accumulate import AreaPoints
 from .base import BASES, KRIGED, make_base
 from .budget import error_budget, standard_deviations
+from .flanks import NOT_ON_PILE, Flanks, find_flanks
 from .ground import Ground, find_ground
 from .integrate import above_mask, integrate_slices, slab_edges
 from .layers import NO_LAYERS, Layers
+from .profiles import beside_walls, off_ground
 from .rim import Crossing, Rim, bridge_crossings
 from .surface import AreaSurface, CutFill, find_surface
 from .tin import tin_check
-from .toe import NOT_ON_PILE, Flanks, beside_walls, find_flanks, off_ground, on_flanks
+from .toe import on_flanks
 from .warnings import Findings
 
 __all__ = ["Measured", "Sides", "TerrainRecipe", "measure_sides", "measure_terrain"]

@@ -9,8 +9,8 @@ from typing import Iterator, Tuple
 from ...options import DEFAULT_LAYER
 from ...types import AreaResult, Notice
 from .coverage import FULL_SUPPORT
+from .flanks import NOT_ON_PILE, OnPile
 from .layers import NO_LAYERS, Layers
-from .toe import NOT_ON_PILE, OnPile
 
 __all__ = ["OUTLINE_ON_PILE", "Findings", "warnings_of"]
 

@@ -1,0 +1,230 @@
+"""Whether an outline lies on the ground, or on what stands there: the pile itself, or another one.
+
+The ground that is predicted under the area goes on a few cells beyond it. Where the terrain along
+the outline is above that ground, what stands there is followed outwards: down to its toe, or up to
+something else. Below the ground, of pits, all is turned over.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from ...types import FloatArray
+from .ground import Ground
+from .histogram import Cubes
+from .profiles import STRIP, SURE, at_outline, at_walls, ground_limit, outwards_of
+from .rim import Rim
+from .robust import MAD
+from .surface import AreaSurface
+
+__all__ = ["NOT_ON_PILE", "Flanks", "OnPile", "find_flanks"]
+
+#: What goes up by a quarter of its height is something else; a dam that goes on does not.
+_RISE = 1.25
+
+#: Whether it goes up or down outwards is seen between so many cells on either side.
+_NEAR = 2
+
+#: The ground near an outline is looked at so many cells further out: beyond the toe where that is
+#: a cell or two away.
+_GROUND_CELLS = slice(3, 9)
+
+#: The flank inside is looked at between so many cells; its steepest slope counts.
+_FLANK_CELLS = slice(1, 5)
+
+_BOOLS = npt.NDArray[np.bool_]
+
+
+class OnPile(NamedTuple):
+    """Stretches of an outline that lie above the ground (for pits: below).
+
+    Attributes
+    ----------
+    share : of the outline on what goes down outwards, to the toe: the pile that is measured.
+    height : of the terrain over the ground there, median, metres.
+    toe : distance from the outline to the toe, median, metres; NaN where it is out of sight.
+    across : share of the outline on what goes up outwards: another pile, a wall, a bank.
+    beyond : volume between the outline and the toe, if the flank is straight, or as far as it is
+        seen, m3.
+    """
+
+    share: float = 0.0
+    height: float = 0.0
+    toe: float = 0.0
+    across: float = 0.0
+    beyond: float = 0.0
+
+
+NOT_ON_PILE = OnPile()
+
+
+class Flanks(NamedTuple):
+    """What stands at each of the M points of a rim.
+
+    Attributes
+    ----------
+    rim : the points.
+    above : (M,) height of the terrain over the ground at the outline; of pits the depth; metres.
+    falls, rises : (M,) bool, on what goes down outwards, and on what goes up.
+    way : (M,) metres outwards to the toe of what falls; inwards, and negative, to the valley before
+        what rises; as far as anything is seen, and 0 on the ground.
+    seen : (M,) bool, where toe or valley are.
+    """
+
+    rim: Rim
+    above: FloatArray
+    falls: _BOOLS
+    rises: _BOOLS
+    way: FloatArray
+    seen: _BOOLS
+
+    def on_pile(self, ground_factor: float) -> OnPile:
+        """Return which shares of the outline lie on a pile, and how far out its toe is."""
+        length, falls = self.rim.length, self.falls
+        whole = float(length.sum())
+        share, across = (float(length[some].sum()) / whole for some in (falls, self.rises))
+        if not falls.any():
+            return OnPile(across=across)
+        beyond = length * self.way * self.above
+        toe = float(np.median(np.where(self.seen, self.way, np.inf)[falls]))
+        return OnPile(
+            share,
+            float(np.median(self.above[falls])),
+            toe if np.isfinite(toe) else np.nan,
+            across,
+            float(beyond[falls].sum()) / (2.0 * ground_factor),
+        )
+
+
+def find_flanks(surface: AreaSurface, ground: Ground, cubes: Cubes, reach: int) -> Flanks | None:
+    """Return what stands along the outline; None where nothing does.
+
+    Parameters
+    ----------
+    ground : goes on `reach` cells beyond the area.
+    cubes : from `fit_cells`.
+    """
+    rim = surface.rim
+    if rim is None:
+        return None
+    over = surface.filled[surface.inside] - ground.heights(
+        *surface.heights.window.middles(surface.inside)
+    )
+    # A volume below zero is that of a pit.
+    sign = 1.0 if np.nansum(over * surface.a[surface.inside]) >= 0 else -1.0
+    steps = np.arange(reach + 1)
+    outwards = outwards_of(surface, rim, ground, steps)
+    sure = ground_limit(rim, ground)
+    off, limit = _near_ground(outwards, sure)
+    outwards = sign * (outwards - off[:, None])
+    inwards = sign * (outwards_of(surface, rim, ground, -steps) - off[:, None])
+    above, beside, error = at_outline(surface, rim, ground, cubes)
+    above, beside = (
+        np.where(np.isfinite(seen), sign * (seen - off), outwards[:, cell])
+        for cell, seen in enumerate((above, beside))
+    )
+    # With its toe at the outline a flank of this slope would be so high in the strip, on average.
+    slope = np.nan_to_num(np.diff(inwards[:, _FLANK_CELLS], axis=1)).max(axis=1, initial=0.0)
+    on = np.maximum(beside, above - slope * STRIP / 4.0) > np.hypot(limit, SURE * error)
+    if not on.any():
+        return None
+    goes_on = on & _goes_on(surface, rim, ground, reach, sign * float(np.median(sure)))
+    if 2.0 * rim.length[goes_on].sum() < rim.length.sum():
+        on &= ~goes_on
+    outer, inner = (np.column_stack([above, side[:, 1:]]) for side in (outwards, inwards))
+    # Where either is not known it is taken to go down.
+    up = outer[:, _NEAR] > inner[:, _NEAR]
+    if sign > 0:
+        outer = np.where(at_walls(surface, rim, steps), np.inf, outer)
+    toe, ended = _down(outer, limit)
+    # Of what goes up, a good deal more than its height at the outline.
+    highest = np.where(np.isfinite(outer), outer, -np.inf).max(axis=1)
+    rises = on & up & (highest > _RISE * above + limit)
+    # What stays as high has no toe, and on a saddle it is beside the outline.
+    lowest = np.nanmin(np.where(np.isfinite(outer), outer, np.inf), axis=1)
+    falls = on & ~up & (ended | (lowest < above - limit)) & (toe > 0)
+    if not (falls | rises).any():
+        return None
+    valley, at_valley = _down(inner, limit)
+    way = np.select([falls, rises], [toe, -valley]) * surface.heights.window.cell
+    return Flanks(rim, above, falls, rises, way, np.where(rises, at_valley, ended))
+
+
+def _near_ground(outwards: FloatArray, limit: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return how far the ground near each rim point is off what was predicted, and a nearer limit.
+
+    The ground a few cells further out is seen. What it is off by there it is at the outline, but
+    for its scatter about that.
+
+    Parameters
+    ----------
+    outwards : (M, K) heights over the predicted ground at 0, 1 .. K - 1 cells outwards.
+    limit : (M,) up to which it is ground, and that is known no better where too little is seen.
+    """
+    near = outwards[:, _GROUND_CELLS]
+    ground = np.abs(near) <= limit[:, None]
+    enough = 2 * np.count_nonzero(ground, axis=1) > near.shape[1]
+    if not enough.any():
+        return np.zeros(len(limit)), limit
+    some = np.where(ground, near, np.nan)[enough]
+    level = np.nanmedian(some, axis=1)
+    off = np.zeros(len(limit))
+    off[enough] = level
+    scatter = MAD * float(np.nanmedian(np.abs(some - level[:, None])))
+    return off, np.where(enough, np.minimum(limit, SURE * scatter), limit)
+
+
+def _down(heights: FloatArray, limit: FloatArray) -> tuple[FloatArray, _BOOLS]:
+    """Return how many cells away (M,) what stands there ends, and whether that is seen.
+
+    It ends halfway to the first cell on the ground, or where it is lowest before it goes up again.
+
+    Parameters
+    ----------
+    heights : (M, K) over the ground at 0, 1 .. K - 1 cells from the outline.
+    limit : (M,) below it is the ground; what goes up by more is something else.
+    """
+    known = np.isfinite(heights)
+    lowest = np.minimum.accumulate(np.where(known, heights, np.inf), axis=1)
+    on_ground = known & (heights <= limit[:, None])
+    up = known & (heights > lowest + limit[:, None])
+    unseen = ~known
+    ends = [
+        np.where(kind.any(axis=1), kind.argmax(axis=1), heights.shape[1])
+        for kind in (on_ground, up, unseen)
+    ]
+    first = np.min(ends, axis=0)
+    before = np.where(np.arange(heights.shape[1]) < first[:, None], heights, np.inf)
+    saddle = before.argmin(axis=1).astype(np.float64)
+    at_toe, at_saddle = ends[0] == first, ends[1] == first
+    seen = (first < heights.shape[1]) & (at_toe | at_saddle)
+    return np.where(at_saddle & ~at_toe, saddle, np.maximum(first - 0.5, 0.0)), seen
+
+
+def _goes_on(surface: AreaSurface, rim: Rim, ground: Ground, reach: int, limit: float) -> _BOOLS:
+    """Return beside which rim points (M,) something goes on for `reach` cells: a channel, a dam.
+
+    Or as far as the cloud goes, and however it winds: what is off the ground is followed from cell
+    to cell.
+
+    Parameters
+    ----------
+    limit : what is higher over the ground than this goes on; below zero, what is lower.
+    """
+    window = surface.heights.window
+    away = ndimage.distance_transform_edt(~surface.inside)
+    outside = (away > 0) & (away <= reach)
+    over = np.full(window.shape, np.nan)
+    if surface.walls.off is not None and limit > 0:
+        outside &= ~surface.walls.off
+    over[outside] = surface.heights.z[outside] - ground.heights_beyond(*window.middles(outside))
+    label, _ = ndimage.label(over > limit if limit > 0 else over < limit, np.ones((3, 3)))
+    unseen = ndimage.binary_opening(outside & ~np.isfinite(over), np.ones((3, 3)))
+    last = (away > reach - 1.5) | ndimage.binary_dilation(unseen, np.ones((7, 7)))
+    far = (label > 0) & np.isin(label, label[last])
+    column, row = (np.floor(v).astype(np.int64) for v in window.in_cells(rim.x, rim.y))
+    return np.asarray(ndimage.binary_dilation(far, np.ones((3, 3)), iterations=2)[row, column])

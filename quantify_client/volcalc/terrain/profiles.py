@@ -1,0 +1,206 @@
+"""Heights over the predicted ground along an outline, and outwards and inwards of it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+from scipy.spatial import cKDTree
+
+from ...types import FloatArray
+from .ground import Ground
+from .histogram import Cubes
+from .rim import Rim
+from .surface import AreaSurface
+from .walls import WALL_CELLS
+
+__all__ = [
+    "STRIP",
+    "SURE",
+    "at_outline",
+    "at_walls",
+    "beside_walls",
+    "ground_limit",
+    "normals_of",
+    "off_ground",
+    "outwards_of",
+]
+
+#: Heights above the ground count beyond so many standard deviations of what is known of it.
+SURE = 3.0
+
+#: Points of the outline whose heights are averaged, at the same distance from it: one for each
+#: cell.
+_ALONG = 5
+
+#: Half of the width, in cells, of the strip along the outline in which it is known how high the
+#: terrain is there: on an even flank the mean is that at the outline.
+STRIP = 0.25
+
+#: A wall is seen within so many cells of an outline beside it: its foot may be two cells off, and a
+#: step is spread over two.
+_BESIDE = 4
+
+_BOOLS = npt.NDArray[np.bool_]
+
+
+def beside_walls(surface: AreaSurface, ground: Ground) -> tuple[float, float]:
+    """Return the share of the outline that is beside a wall, and how high that is, metres."""
+    steep, window, inside = surface.walls.steep, surface.heights.window, surface.inside
+    if steep is None:
+        return 0.0, 0.0
+    near = ndimage.binary_dilation(inside, np.ones((3, 3)), iterations=_BESIDE) & ~inside
+    over = np.full(window.shape, -np.inf)
+    over[near] = surface.heights.z[near] - ground.heights_beyond(*window.middles(near))
+    wall = over > WALL_CELLS * window.cell
+    if not (wall & steep).any():
+        return 0.0, 0.0
+    edge = inside & ~ndimage.binary_erosion(inside, np.ones((3, 3)))
+    walled = edge & (ndimage.distance_transform_edt(~wall) <= _BESIDE / 2.0)
+    if not walled.any():
+        return 0.0, 0.0
+    top = ndimage.maximum_filter(over, 2 * _BESIDE + 1)
+    share = np.count_nonzero(walled) / np.count_nonzero(edge)
+    return share, float(np.median(top[walled]))
+
+
+def off_ground(surface: AreaSurface, rim: Rim, ground: Ground) -> _BOOLS:
+    """Return at which rim points (M,) the terrain is above or below the ground, where it is seen.
+
+    Rim heights are from cells outside of the outline; what is near it need not be on it.
+    """
+    over = outwards_of(surface, rim, ground, np.zeros(1, dtype=np.int64))
+    return np.asarray(np.abs(over[:, 0]) > ground_limit(rim, ground))
+
+
+def ground_limit(rim: Rim, ground: Ground) -> FloatArray:
+    """Return how far off the ground the terrain at rim points (M,) may be by chance, metres."""
+    variance = ground.variance(rim.x, rim.y) + ground.unshared + ground.relief**2
+    return np.asarray(SURE * np.sqrt(variance))
+
+
+def normals_of(rim: Rim) -> FloatArray:
+    """Return unit vectors outwards of the rim's points, (2, M)."""
+    normals = np.empty((2, len(rim.x)))
+    for part in np.unique(rim.part):
+        ring = rim.part == part
+        along = [np.roll(v[ring], -1) - v[ring] for v in (rim.x, rim.y)]
+        size = np.maximum(np.hypot(*along), 1e-12)
+        # Outer rings are counter-clockwise.
+        normals[:, ring] = along[1] / size, -along[0] / size
+    return normals
+
+
+def outwards_of(
+    surface: AreaSurface, rim: Rim, ground: Ground, steps: npt.NDArray[np.int64]
+) -> FloatArray:
+    """Return heights over the ground so many cells outwards of each rim point, (M, K) metres.
+
+    NaN where no point was measured. Each is the mean over neighbours on the outline, so that noise
+    is less and the toe stays where it is.
+
+    Parameters
+    ----------
+    steps : (K,) cells outwards; inwards below zero.
+    """
+    window, (row, column) = surface.heights.window, _cells_outwards(surface, rim, steps)
+    held = window.holds(row, column)
+    z = np.where(held, surface.heights.z[np.where(held, row, 0), np.where(held, column, 0)], np.nan)
+    if surface.walls.off is not None:
+        z[at_walls(surface, rim, steps)] = np.nan
+    # The ground below the middles of the cells that have these heights.
+    below = [
+        np.asarray(low + (index.ravel() + 0.5) * window.cell)
+        for low, index in ((window.min_x, column), (window.min_y, row))
+    ]
+    over = z - ground.heights_beyond(*below).reshape(z.shape)
+    known = np.isfinite(over)
+    return _along_rings(np.where(known, over, 0.0), known.astype(np.float64), rim.part)
+
+
+def _cells_outwards(
+    surface: AreaSurface, rim: Rim, steps: npt.NDArray[np.int64]
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Return rows and columns of the cells so many steps outwards of each rim point, (M, K)."""
+    window, (east, north) = surface.heights.window, normals_of(rim)
+    way = window.cell * steps
+    x, y = rim.x[:, None] + east[:, None] * way, rim.y[:, None] + north[:, None] * way
+    column, row = (np.floor(v).astype(np.int64) for v in window.in_cells(x, y))
+    return row, column
+
+
+def at_walls(surface: AreaSurface, rim: Rim, steps: npt.NDArray[np.int64]) -> _BOOLS:
+    """Return which of these cells are walls, or behind them, (M, K)."""
+    off, window = surface.walls.off, surface.heights.window
+    if off is None:
+        return np.zeros((len(rim.x), len(steps)), dtype=bool)
+    row, column = _cells_outwards(surface, rim, steps)
+    place = row.clip(0, window.ny - 1), column.clip(0, window.nx - 1)
+    return np.asarray((off & ~surface.inside)[place])
+
+
+def at_outline(
+    surface: AreaSurface, rim: Rim, ground: Ground, cubes: Cubes
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return heights over the ground at rim points, just outside of these, and the latter's error.
+
+    All are (M,), metres; the error is that of the points' white noise.
+
+    Cells at the outline say the mean of more than a cell around: a flank that ends within them is
+    seen in cubes.
+    """
+    window, size = surface.heights.window, cubes.factor
+    edge = surface.inside & ~ndimage.binary_erosion(surface.inside, np.ones((3, 3)))
+    edge = ndimage.binary_dilation(edge, np.ones((3, 3)))
+    column, row = cubes.column // size - window.first_x, cubes.row // size - window.first_y
+    near = window.holds(row, column) & ~cubes.outlying
+    near[near] = edge[row[near], column[near]]
+    x, y = (np.asarray((v[near] + 0.5) * cubes.cell) for v in (cubes.column, cubes.row))
+    _, at = cKDTree(np.column_stack([rim.x, rim.y])).query(np.column_stack([x, y]))
+    east, north = normals_of(rim)
+    off = (x - rim.x[at]) * east[at] + (y - rim.y[at]) * north[at]
+    # At a corner no normal says what is outside.
+    off[_corners(rim)[at]] = np.inf
+    count, strip = cubes.count[near], STRIP * window.cell
+    z = cubes.bin[near] * cubes.cell + cubes.inside[near] / count * cubes.quantum
+    over = z - ground.heights(x, y)
+
+    def of_points(weight: npt.NDArray[Any], some: _BOOLS) -> FloatArray:
+        sums = np.bincount(at[some], weight[some], len(rim.x)).astype(np.float64)
+        return np.asarray(sums[:, None])
+
+    # Just outside are cubes that the outline does not cut.
+    beside = (off >= cubes.cell / 2.0) & (off <= 2.0 * strip)
+    heights = [
+        _along_rings(of_points(count * over, some), of_points(count, some), rim.part)[:, 0]
+        for some in (np.abs(off) <= strip, beside)
+    ]
+    one = np.ones((len(rim.x), 1))
+    held = _ALONG * _along_rings(of_points(count, beside), one, rim.part)[:, 0]
+    error = float(np.median(surface.noise.point)) / np.sqrt(np.maximum(held, 1.0))
+    return heights[0], heights[1], np.asarray(error)
+
+
+def _corners(rim: Rim) -> _BOOLS:
+    """Return at which rim points (M,) the outline turns by more than 45 degrees."""
+    normals, sharp = normals_of(rim), np.zeros(len(rim.x), dtype=bool)
+    for part in np.unique(rim.part):
+        ring = rim.part == part
+        turn = (normals[:, ring] * np.roll(normals[:, ring], 1, axis=1)).sum(axis=0)
+        sharp[ring] = turn < np.sqrt(0.5)
+    return sharp
+
+
+def _along_rings(total: FloatArray, count: FloatArray, part: npt.NDArray[np.int64]) -> FloatArray:
+    """Return means (M, K) over `_ALONG` points along each ring, column by column; NaN of none."""
+    found = np.full(total.shape, np.nan)
+    for number in np.unique(part):
+        ring = part == number
+        sums, weights = (
+            ndimage.uniform_filter1d(v[ring], _ALONG, axis=0, mode="wrap") for v in (total, count)
+        )
+        some = weights > 0.5
+        found[ring] = np.where(some, sums / np.where(some, weights, 1.0), np.nan)
+    return found
