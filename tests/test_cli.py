@@ -8,6 +8,8 @@ import re
 
 import numpy as np
 import pytest
+import shapely
+import shapely.affinity
 from clouds import write_ept, write_las, write_text
 from commands import PILE, UTM, features, only, texts
 from shapely.geometry import box
@@ -153,6 +155,30 @@ def test_us_units_are_for_people_only(site, run, document):
     assert "m³" not in out
     shown = [float(number) for number in re.findall(r"\d+\.\d+", out)]
     assert min(abs(number - metric["volume_m3"] / 0.9144**3) for number in shown) < 0.06
+
+
+def test_toe_moves_the_outline_to_where_the_pile_ends(site, document, tmp_path):
+    """A cone of radius 8 m, drawn with 6 m and with 9 m."""
+    outline = json.loads((site / "pile.geojson").read_text())
+    small = tmp_path / "small.geojson"
+    polygon = shapely.affinity.scale(shapely.from_geojson(json.dumps(outline)), 6 / 9, 6 / 9)
+    small.write_text(shapely.to_geojson(polygon))
+    asked = only(document("volume", site / "pile.laz", "--area", site / "pile.geojson"))
+    moved = only(document("volume", site / "pile.laz", "--area", small, "--toe", "auto"))
+    limited = only(document("volume", site / "pile.laz", "--area", small, "--toe", 0.5))
+    assert moved["volume_m3"] == pytest.approx(asked["volume_m3"], rel=0.005)
+    (notice,) = moved["warnings"]
+    assert notice["code"] == "outline-moved"
+    assert notice["values"]["drawn_m2"] == pytest.approx(asked["area_m2"] * (6 / 9) ** 2, rel=1e-6)
+    assert notice["values"]["area_m2"] == moved["area_m2"]
+    assert limited["volume_m3"] < 0.95 * moved["volume_m3"]
+    assert limited["warnings"][0]["code"] == "outline-on-pile"
+
+
+def test_toe_needs_an_outline(site, run):
+    status, _, err = run("volume", site / "pile.laz", "--toe", "auto")
+    assert status == 2
+    assert "--toe moves outlines that were drawn; give them by --area" in " ".join(err.split())
 
 
 def test_grid_leaves_out_the_correction_to_the_ground(site, document):

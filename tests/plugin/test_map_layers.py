@@ -1,6 +1,7 @@
 """Map layers: the picture lies where the cells are, the outlines enclose what the slices say."""
 
 import base64
+import json
 import math
 import zlib
 from dataclasses import replace
@@ -8,9 +9,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
+import shapely.affinity
 from beach import frame_of
 
 from quantify_client import measure
+from quantify_client.report.document.geojson import to_geojson
 from quantify_client.types import AreaFailure, Slice
 from quantify_client.webmap import layers
 from quantify_client.webmap.contours import contour
@@ -132,7 +135,46 @@ def test_failure_has_an_empty_layer(cone):
         "name": "a",
         "relief": None,
         "outlines": {"type": "FeatureCollection", "features": []},
+        "proposal": None,
     }
+
+
+@pytest.fixture(scope="module")
+def inside(site):
+    """The cone of radius 8 m, with an outline of 6.5 m."""
+    outline = shapely.from_geojson((site / "pile.geojson").read_text())
+    polygon = shapely.get_parts(outline)[0]
+    shrunk = shapely.affinity.scale(polygon, 6.5 / 9, 6.5 / 9)
+    return measure(site / "pile.laz", area=json.loads(shapely.to_geojson(shrunk)))
+
+
+def test_the_proposed_outline_is_on_the_map_beyond_the_toe(inside):
+    (layer,) = map_layers(inside)
+    (feature,) = layer["proposal"]["features"]
+    plane = on_map(inside.frame, inside.results[0].relief.min_x, inside.results[0].relief.min_y, 0)
+    x, y = plane.places(*np.array(feature["geometry"]["coordinates"][0]).T)
+    middle = shapely.from_wkb(inside.results[0].relief.polygon_wkb).centroid
+    away = np.hypot(x - middle.x, y - middle.y)
+    assert away.min() > 7.9
+    assert away.max() < 10.0
+
+
+def test_the_proposed_outline_is_a_feature_of_its_own(inside):
+    drawn, proposed = to_geojson(inside)["features"]
+    assert proposed["properties"] == {"name": "area-1 (proposed)", "proposed": True}
+    drawn, proposed = (shapely.geometry.shape(one["geometry"]) for one in (drawn, proposed))
+    assert proposed.contains(drawn)
+    assert proposed.area == pytest.approx(drawn.area * (8.8 / 6.5) ** 2, rel=0.15)
+
+
+def test_piles_that_were_found_are_on_the_map_in_their_order(site):
+    found = measure(site / "pile.laz", area="auto")
+    (feature,) = layers.measured_proposals(found)["features"]
+    assert feature["properties"] == {"name": found.results[0].name}
+    plane = on_map(found.frame, found.results[0].relief.min_x, found.results[0].relief.min_y, 0)
+    x, y = plane.places(*np.array(feature["geometry"]["coordinates"][0]).T)
+    assert shapely.Polygon(np.column_stack([x, y])).area == pytest.approx(math.pi * 8.4**2, rel=0.1)
+    assert layers.measured_proposals(replace(found, proposals=())) is None
 
 
 def test_outlines_of_a_forest_come_to_an_end(cone, monkeypatch):

@@ -202,6 +202,16 @@ def test_every_polygon_has_its_result_and_a_failure_its_words(host, beach_task):
     assert found["layers"][1]["relief"] is None
 
 
+def test_piles_are_found(host, beach_task):
+    """Their outlines are the areas of the document, as if they had been drawn."""
+    found = host.owner.measured(beach_task, area="auto")
+    names = [result["name"] for result in found["measurement"]["results"]]
+    assert names
+    assert [feature["properties"]["name"] for feature in found["area"]["features"]] == names
+    told = {warning["code"] for warning in found["measurement"]["warnings"]}
+    assert "objects-not-measured" in told
+
+
 def test_same_area_again_on_another_task_makes_a_series(host, beach_task, kept):
     other = host.tasks["Beach LAZ"]
     again = host.owner.post(f"{API}/{beach_task}/measurements/{kept['id']}/again", {"task": other})
