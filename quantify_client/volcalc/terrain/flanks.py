@@ -7,13 +7,13 @@ something else. Below the ground, of pits, all is turned over.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Iterator, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from ...types import FloatArray
+from ...types import FloatArray, IntArray
 from .ground import Ground
 from .histogram import Cubes
 from .profiles import STRIP, SURE, at_outline, at_walls, ground_limit, outwards_of
@@ -133,8 +133,8 @@ def find_flanks(surface: AreaSurface, ground: Ground, cubes: Cubes, reach: int) 
     if not on.any():
         return None
     goes_on = on & _goes_on(surface, rim, ground, reach, sign * float(np.median(sure)))
-    if 2.0 * rim.length[goes_on].sum() < rim.length.sum():
-        on &= ~goes_on
+    if 2.0 * rim.length[goes_on].sum() >= rim.length.sum():
+        goes_on &= False
     outer, inner = (np.column_stack([above, side[:, 1:]]) for side in (outwards, inwards))
     # Where either is not known it is taken to go down.
     up = outer[:, _NEAR] > inner[:, _NEAR]
@@ -143,10 +143,20 @@ def find_flanks(surface: AreaSurface, ground: Ground, cubes: Cubes, reach: int) 
     toe, ended = _down(outer, limit)
     # Of what goes up, a good deal more than its height at the outline.
     highest = np.where(np.isfinite(outer), outer, -np.inf).max(axis=1)
-    rises = on & up & (highest > _RISE * above + limit)
+    stretches = list(_stretches(on, rim.part))
+    along = above.copy()
+    for stretch in stretches:
+        # So that the bank of a channel that winds does not rise to its middle.
+        along[stretch] = above[stretch].max()
+    rises = on & up & (highest > _RISE * along + limit)
+    over = sign * _over_ground(surface, ground, reach)
+    for stretch in stretches:
+        level = max(float(along[stretch[0]]) / 2.0, float(np.median(sure)))
+        if _is_other(surface, rim, over, stretch, level):
+            rises[stretch] = True
     # What stays as high has no toe, and on a saddle it is beside the outline.
     lowest = np.nanmin(np.where(np.isfinite(outer), outer, np.inf), axis=1)
-    falls = on & ~up & (ended | (lowest < above - limit)) & (toe > 0)
+    falls = on & ~up & ~rises & ~goes_on & (ended | (lowest < above - limit)) & (toe > 0)
     if not (falls | rises).any():
         return None
     valley, at_valley = _down(inner, limit)
@@ -178,6 +188,18 @@ def _near_ground(outwards: FloatArray, limit: FloatArray) -> tuple[FloatArray, F
     return off, np.where(enough, np.minimum(limit, SURE * scatter), limit)
 
 
+def _stretches(on: _BOOLS, part: IntArray) -> Iterator[IntArray]:
+    """Yield the numbers of the points of each stretch of the rings that is `on` something, (M,)."""
+    for number in np.unique(part):
+        ring = np.flatnonzero(part == number)
+        if not on[ring].all():
+            # From a point between two stretches on.
+            ring = np.roll(ring, -int(np.flatnonzero(~on[ring])[0]))
+        stretch, count = ndimage.label(on[ring])
+        for k in range(1, count + 1):
+            yield ring[stretch == k]
+
+
 def _down(heights: FloatArray, limit: FloatArray) -> tuple[FloatArray, _BOOLS]:
     """Return how many cells away (M,) what stands there ends, and whether that is seen.
 
@@ -203,6 +225,41 @@ def _down(heights: FloatArray, limit: FloatArray) -> tuple[FloatArray, _BOOLS]:
     at_toe, at_saddle = ends[0] == first, ends[1] == first
     seen = (first < heights.shape[1]) & (at_toe | at_saddle)
     return np.where(at_saddle & ~at_toe, saddle, np.maximum(first - 0.5, 0.0)), seen
+
+
+def _over_ground(surface: AreaSurface, ground: Ground, reach: int) -> FloatArray:
+    """Return heights over the ground of an area and `reach` cells around, (ny, nx); 0 elsewhere."""
+    near = ndimage.distance_transform_edt(~surface.inside) <= reach
+    over = np.zeros(near.shape)
+    middles = surface.heights.window.middles(near)
+    over[near] = surface.heights.z[near] - ground.heights_beyond(*middles)
+    return np.asarray(np.nan_to_num(over))
+
+
+def _is_other(
+    surface: AreaSurface, rim: Rim, over: FloatArray, stretch: IntArray, level: float
+) -> bool:
+    """Return whether a stretch of the outline is on something else, most of which is outside.
+
+    Above a level, half of its height there, it is another piece than what most of the volume inside
+    is of.
+
+    Parameters
+    ----------
+    over : (ny, nx) heights over the ground; of pits turned over.
+    stretch : numbers of its rim points. level : metres over the ground.
+    """
+    label, number = ndimage.label(over > level, np.ones((3, 3)))
+    inside, outside = (
+        np.bincount(label[some], over[some], number + 1)
+        for some in (surface.inside, ~surface.inside)
+    )
+    inside[0] = 0.0
+    other = (outside > inside) & (inside > 0)
+    other[[0, int(inside.argmax())]] = False
+    places = surface.heights.window.in_cells(rim.x[stretch], rim.y[stretch])
+    column, row = (np.floor(v).astype(np.int64) for v in places)
+    return bool(ndimage.maximum_filter(other[label], 3)[row, column].any())
 
 
 def _goes_on(surface: AreaSurface, rim: Rim, ground: Ground, reach: int, limit: float) -> _BOOLS:
