@@ -72,9 +72,18 @@ def test_an_area_mostly_beyond_the_cloud_is_told_so(tmp_path):
     assert "quality" not in result.error
 
 
-def test_an_area_of_holes_is_told_so(tmp_path):
+def test_an_area_of_small_holes_is_measured_in_larger_cells(tmp_path):
+    """Of strips a metre wide between holes of four."""
     x, y = POINTS[:, 0] - EAST, POINTS[:, 1] - NORTH
     holes = (x % 5 < 4) & (y % 5 < 4) & (np.abs(x - 20) < 15) & (np.abs(y - 20) < 15)
+    result, _ = only(tmp_path, POINTS[~holes], placed(box(6, 6, 34, 34)))
+    assert abs(result.volume_m3 - SITE.volume) < 1.96 * result.std_m3 < 0.1 * SITE.volume
+    assert result.warnings[0].code == "gaps-interpolated"
+
+
+def test_an_area_of_holes_is_told_so(tmp_path):
+    x, y = POINTS[:, 0] - EAST, POINTS[:, 1] - NORTH
+    holes = (x % 14 < 12) & (y % 14 < 12) & (np.abs(x - 20) < 15) & (np.abs(y - 20) < 15)
     result, _ = only(tmp_path, POINTS[~holes], placed(box(6, 6, 34, 34)))
     assert isinstance(result, AreaFailure)
     assert "the cloud has holes there" in result.error

@@ -388,6 +388,6 @@ def test_the_shrunk_beach_gives_its_volumes_back(beach_truth, tmp_path, pivot):
     again = measure(tmp_path / "shrunk.laz", area=areas, gcp=gcp)
     assert frame is not None
     for before, after in zip(beach_truth.results, again.results):
-        # Cells and blocks of ground begin elsewhere: far within the interval.
-        near = max(3e-3 * abs(before.volume_m3), 0.3 * before.std_m3)
+        # Cells and blocks of ground begin elsewhere: well within the interval.
+        near = max(3e-3 * abs(before.volume_m3), 0.5 * before.std_m3)
         assert after.volume_m3 == pytest.approx(before.volume_m3, abs=near), before.name
