@@ -139,7 +139,8 @@ def _area(name: str, wkb: bytes, plane: OnMap) -> Dict[str, Any]:
     """Return an outline in the measuring frame as a feature in longitude and latitude."""
 
     def placed(places: FloatArray) -> FloatArray:
-        return np.round(np.column_stack(plane.lon_lat(*places.T)), DECIMALS + 1)
+        lon_lat: FloatArray = np.column_stack(plane.lon_lat(*places.T)).round(DECIMALS + 1)
+        return lon_lat
 
     geometry = shapely.transform(shapely.from_wkb(wkb), placed)
     return {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import shapely
 from shapely import affinity
 from shapely.geometry import Point, box
 
@@ -93,3 +94,24 @@ def test_a_pit_with_walls_is_measured_from_the_ground_above():
         result = measured(pit, box(-half, -half, half, half))
         assert result.volume_m3 == pytest.approx(-300, rel=0.02)
         assert result.warnings == ()
+
+
+def test_boxes_are_neither_too_small_nor_more_certain_than_they_are():
+    """Walls of 3 m, 0.3 m between points: how many of a cell are on top is chance, and said so."""
+    off, stds = [], []
+    for seed in range(24):
+        rng = np.random.default_rng(seed)
+        turn, (east, north) = rng.uniform(0, 90), rng.uniform(-1, 1, 2)
+        form = affinity.translate(affinity.rotate(box(-3.1, -2.3, 3.1, 2.3), turn), east, north)
+        outline = affinity.translate(affinity.rotate(box(-4.5, -3.7, 4.5, 3.7), turn), east, north)
+
+        def walled(x, y, form=form):
+            return 3.0 * shapely.contains_xy(form, x, y)
+
+        result = measured(walled, outline, seed)
+        off.append(result.volume_m3 - 3.0 * 6.2 * 4.6)
+        stds.append(result.std_m3)
+    off, z = np.array(off), np.array(off) / np.array(stds)
+    # The mean is known to a fifth of their scatter.
+    assert abs(off.mean()) < 0.01 * 3.0 * 6.2 * 4.6
+    assert 0.5 < np.sqrt(np.mean(z**2)) < 1.25

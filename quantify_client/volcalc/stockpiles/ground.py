@@ -84,7 +84,7 @@ def _levelled(raster: HeightRaster) -> FloatArray:
     z = raster.filled
     row, column = np.nonzero(raster.seen)
     if not len(row):
-        return z - z.mean()
+        return np.asarray(z - z.mean())
     some = slice(None, None, -(-len(row) // _PLANE_CELLS))
     x, y = column[some].astype(np.float64), row[some].astype(np.float64)
     plane, _ = robust_plane(x, y, z[row[some], column[some]], _LEAST_SCATTER * raster.cell)

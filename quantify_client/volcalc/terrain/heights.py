@@ -218,7 +218,38 @@ def on_surface(
     good |= places == largest
     kept = np.empty(len(order), dtype=bool)
     kept[order] = good[of_layer]
+    if not kept.all():
+        _keep_what_goes_on(kept, cubes, row * window.nx + column, window)
     return kept
+
+
+def _keep_what_goes_on(
+    kept: npt.NDArray[np.bool_], cubes: Cubes, flat: IntArray, window: CellWindow
+) -> None:
+    """Keep cubes, too, of what is surface in a cell beside: the corner of a wall in a block.
+
+    Parameters
+    ----------
+    kept : (M,) changed in place.
+    flat : (M,) number of each cube's cell.
+    """
+    size, gap = window.nx * window.ny, LAYER_GAP_CELLS * window.cell / cubes.cell
+    low, high = np.full(size, np.inf), np.full(size, -np.inf)
+    np.minimum.at(low, flat[kept], cubes.bin[kept])
+    np.maximum.at(high, flat[kept], cubes.bin[kept])
+    around = np.array([y * window.nx + x for y in (-1, 0, 1) for x in (-1, 0, 1)])
+    left = np.flatnonzero(~kept)
+    # As far as a block reaches, from cell to cell.
+    for _ in range(MOST_BLOCK):
+        near = np.clip(flat[left, None] + around, 0, size - 1)
+        bins = cubes.bin[left, None]
+        found = ((np.abs(bins - low[near]) <= gap) | (np.abs(bins - high[near]) <= gap)).any(axis=1)
+        if not found.any():
+            return
+        back, left = left[found], left[~found]
+        kept[back] = True
+        np.minimum.at(low, flat[back], cubes.bin[back])
+        np.maximum.at(high, flat[back], cubes.bin[back])
 
 
 def _layer_gap(

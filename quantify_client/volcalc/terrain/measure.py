@@ -172,11 +172,11 @@ def _cut_and_fill(
     covered = ndimage.binary_dilation(surface.inside, np.ones((3, 3)))
     base = make_base(base_name, rim, surface.parts, surface.heights.window, covered, ground)
     r, r_std = surface.over_parts(surface.filled - base.z)
-    if surface.before_walls is not None:
-        z, std = surface.before_walls
-        r, r_std = (
-            np.where(np.isfinite(z), own, all_) for own, all_ in ((z - base.z, r), (std, r_std))
-        )
+    if surface.at_walls is not None:
+        z, std = surface.at_walls
+        known = np.isfinite(z)
+        r = np.where(known & (surface.fraction < 1), z - base.z, r)
+        r_std = np.where(known, std, r_std)
     return CutFill(surface, base, ground, r, r_std, above_mask(r, surface.a, noise)), crossings
 
 

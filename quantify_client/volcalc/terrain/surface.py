@@ -21,7 +21,7 @@ from .heights import LOWER, UPPER, CellHeights, cell_heights, cell_window
 from .histogram import Cubes
 from .noise import Noise, measure_noise
 from .rim import Rim, require_plain_outline, sample_rim
-from .walls import NO_WALLS, Walls, find_walls, heights_before
+from .walls import NO_WALLS, Walls, find_walls, heights_at_walls
 
 __all__ = ["AreaSurface", "CutFill", "find_surface"]
 
@@ -47,8 +47,8 @@ class AreaSurface:
         middle, in cells.
     coverage : share of the area that points support.
     walls : beside the area.
-    before_walls : heights of the parts inside, and their standard deviations, (ny, nx) metres, of
-        steep cells that the outline cuts; None where there is no wall.
+    at_walls : heights of the parts inside, and their standard deviations, (ny, nx) metres, of steep
+        cells; None where there is no wall.
     ground_factor : grid length / ground length at the site.
     """
 
@@ -60,7 +60,7 @@ class AreaSurface:
     off_middle: tuple[FloatArray, FloatArray]
     coverage: float
     walls: Walls
-    before_walls: tuple[FloatArray, FloatArray] | None
+    at_walls: tuple[FloatArray, FloatArray] | None
     ground_factor: float
 
     @property
@@ -199,11 +199,11 @@ def find_surface(
     # The slopes of smoothed heights reach two cells further than the area.
     needed = ndimage.binary_dilation(fraction > 0, iterations=2)
     filled = fill_gaps(heights.z, reach, needed)
-    walls, before_walls = find_walls(heights, fraction) if walled else NO_WALLS, None
+    walls, at_walls = find_walls(heights, fraction) if walled else NO_WALLS, None
     if walls.steep is not None:
-        cut = walls.steep & (fraction > 0) & (fraction < 1)
+        steep = walls.steep & (fraction > 0)
         wanted = (cubes.layer == 0) | (cubes.layer != _LEFT_OUT[layer])
-        before_walls = heights_before(polygon, cubes.select(wanted), heights.window, cut)
+        at_walls = heights_at_walls(polygon, cubes.select(wanted), heights.window, steep)
     return AreaSurface(
         polygon,
         parts,
@@ -213,6 +213,6 @@ def find_surface(
         (off_middle[0], off_middle[1]),
         coverage,
         walls,
-        before_walls,
+        at_walls,
         ground_factor,
     )

@@ -21,7 +21,7 @@ from .heights import CellHeights
 from .histogram import Cubes
 from .robust import robust_plane
 
-__all__ = ["NO_WALLS", "WALL_CELLS", "Walls", "find_walls", "heights_before"]
+__all__ = ["NO_WALLS", "WALL_CELLS", "Walls", "find_walls", "heights_at_walls"]
 
 #: Tangent of the steepest slope of loose material: the angle of repose is 25 to 40 degrees for
 #: sand, gravel and crushed rock (Carrigy 1970), and no more than 45 for any.
@@ -116,12 +116,13 @@ def _reaches_over(inside: _BOOLS, piece: _BOOLS) -> bool:
     return bool(shapely.contains_xy(hull, row, column).mean() > _REACHES)
 
 
-def heights_before(
+def heights_at_walls(
     polygon: Polygon | MultiPolygon, cubes: Cubes, window: CellWindow, cells: _BOOLS
 ) -> tuple[FloatArray, FloatArray]:
     """Return the mean heights of the points inside an area, of some cells, and their errors.
 
-    Cells beside a wall hold points on the wall as well.
+    Cells across a wall hold points of its top and its foot: how many of either is chance. Those
+    that the outline cuts hold points that are not inside.
 
     Parameters
     ----------
