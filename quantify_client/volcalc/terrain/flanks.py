@@ -152,7 +152,10 @@ def find_flanks(surface: AreaSurface, ground: Ground, cubes: Cubes, reach: int) 
     over = sign * _over_ground(surface, ground, reach)
     for stretch in stretches:
         level = max(float(along[stretch[0]]) / 2.0, float(np.median(sure)))
-        if _is_other(surface, rim, over, stretch, level):
+        # Bushes, a bank: lower a cell further inside.
+        ridge = np.nanmedian((outwards[:, 0] - limit - inner[:, 1])[stretch]) > 0
+        ridge &= not goes_on[stretch].any()
+        if ridge or _is_other(surface, rim, over, stretch, level):
             rises[stretch] = True
     # What stays as high has no toe, and on a saddle it is beside the outline.
     lowest = np.nanmin(np.where(np.isfinite(outer), outer, np.inf), axis=1)
