@@ -189,3 +189,15 @@ def test_a_file_called_auto_is_read_by_its_path(cloud, tmp_path, monkeypatch, ru
     outline = placed(PILES[0].outline)
     Path("auto").write_text(json.dumps(shapely.geometry.mapping(outline)))
     assert [one.name for one in measure(cloud, area="./auto")] == ["area-1"]
+
+
+@pytest.mark.parametrize("kind", ["line", "strip", "one place"])
+def test_a_cloud_that_is_hardly_more_than_a_line_is_refused_in_words(kind, tmp_path):
+    rng = np.random.default_rng(0)
+    wide = {"line": 0.0, "strip": 0.3, "one place": 0.0}[kind]
+    along = 0.0 if kind == "one place" else rng.uniform(0, 60, 3000)
+    x, y = along + np.zeros(3000), wide * rng.uniform(0, 1, 3000)
+    points = np.column_stack([500_000 + x, 5_000_000 + y, np.full(3000, 100.0)])
+    path = write_las(tmp_path / "line.laz", points, crs=UTM)
+    with pytest.raises(SupportError, match="too narrow to find stockpiles in it; draw the areas"):
+        measure(path, area="auto")

@@ -79,3 +79,14 @@ def test_dams_and_channels_that_go_on_are_neither(sign):
         return sign * 1.5 * np.clip(1 - np.abs(x) / 5, 0, None)
 
     assert notices(dam, box(-6, -10, 6, 10)) == {}
+
+
+@pytest.mark.parametrize("radius", [3.0, 4.0, 6.0])
+def test_an_outline_well_inside_of_a_pile_is_told(radius):
+    """No ground is near: what is predicted climbs the flanks."""
+
+    def both(x, y):
+        return np.maximum(cone(x, y, radius=7.0), cone(x, y, at=9.0, radius=7.0, top=3.5))
+
+    assert next(iter(notices(both, circle(radius)))) == "outline-on-pile"
+    assert next(iter(notices(cone, circle(radius)))) == "outline-on-pile"

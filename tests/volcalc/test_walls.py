@@ -115,3 +115,14 @@ def test_boxes_are_neither_too_small_nor_more_certain_than_they_are():
     # The mean is known to a fifth of their scatter.
     assert abs(off.mean()) < 0.01 * 3.0 * 6.2 * 4.6
     assert 0.5 < np.sqrt(np.mean(z**2)) < 1.25
+
+
+@pytest.mark.parametrize("off_walls", [2.0, 3.0])
+def test_a_heap_in_a_pit_with_walls_stands_on_its_floor(off_walls):
+    def heap(x, y):
+        pit = np.where(np.maximum(np.abs(x), np.abs(y)) < 10, -4.0, 0.0)
+        return pit + 2.0 * np.clip(1 - np.hypot(x, y) / 4, 0, None)
+
+    half = 10 - off_walls
+    result = measured(heap, box(-half, -half, half, half))
+    assert result.volume_m3 == pytest.approx(np.pi * 16 * 2 / 3, rel=0.02)

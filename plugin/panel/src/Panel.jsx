@@ -214,8 +214,8 @@ export default class Panel extends React.Component {
     const { map } = this.props;
     this.hideLayers();
     if (map) this.shownLayers = showResult(map, this.task, doc);
-    // What was just drawn is in view; what was saved once may lie anywhere.
-    if (map && !unsaved && !isInView(map, this.shownLayers.bounds)) lookAt(map, this.shownLayers.bounds);
+    // What was just drawn is in view; what was found, or saved once, may lie anywhere.
+    if (map && !isInView(map, this.shownLayers.bounds)) lookAt(map, this.shownLayers.bounds);
     this.setState({ view: "result", result: { doc, unsaved }, error: null });
   }
 
@@ -370,7 +370,8 @@ export default class Panel extends React.Component {
       return (
         <Result key={result.doc.id} doc={result.doc} unsaved={result.unsaved} info={info} units={units} onMap={Boolean(map)}
           api={new TaskApi(result.doc.task || info.task.id)} own={result.unsaved && this.mine.find(result.unsaved.job)}
-          onSave={this.save} onRename={this.rename} onNew={this.newMeasurement} onEdit={this.edit} onPropose={this.takeProposal} onDrop={this.dropShown}
+          onSave={this.save} onRename={this.rename} onNew={this.newMeasurement} onEdit={this.edit} onDrop={this.dropShown}
+          onPropose={this.takeProposal} here={(result.doc.task || info.task.id) === info.task.id}
           onBack={() => this.turnTo("saved")} />
       );
     }

@@ -105,12 +105,23 @@ export default class Result extends Acting {
   }
 
   renderResult(result) {
-    const { doc, units, onMap, onPropose } = this.props;
+    const { doc, units, onMap, onPropose, info, here } = this.props;
     const terrain = doc.measurement.shape === "terrain";
     const layer = (doc.layers || [])[this.state.chosen];
     const [low, high] = result.interval95_m3 || [];
     return (
       <div>
+        {warningWords(result).map((words) => (
+          <Notice key={words} kind="warning">{units.sentence(words)}</Notice>
+        ))}
+        {layer && layer.proposal && onMap && info.can_run && here ? (
+          <div className="vc-tools">
+            <Button primary onClick={() => onPropose(doc, this.state.chosen)}
+              title={_("Measures again with the dashed outline on the map")}>
+              <Icon name="ok" /> {_("Use the proposed outline")}
+            </Button>
+          </div>
+        ) : null}
         <div className="vc-hero">
           <div className="vc-hero-word">{terrain ? _("Net volume, cut less fill") : _("Enclosed volume")}</div>
           <div className="vc-hero-number">
@@ -134,17 +145,6 @@ export default class Result extends Acting {
         <dl className="vc-facts">{this.facts(result).map(([word, value]) => (
           <div key={word}><dt>{word}</dt><dd>{value}</dd></div>
         ))}</dl>
-        {warningWords(result).map((words) => (
-          <Notice key={words} kind="warning">{units.sentence(words)}</Notice>
-        ))}
-        {layer && layer.proposal && onMap ? (
-          <div className="vc-tools">
-            <Button primary onClick={() => onPropose(doc, this.state.chosen)}
-              title={_("Measures again with the dashed outline on the map")}>
-              <Icon name="ok" /> {_("Use the proposed outline")}
-            </Button>
-          </div>
-        ) : null}
         {result.slices && result.slices.length ? <Chart result={result} terrain={terrain} units={units} /> : null}
         {onMap && layer && layer.relief ? <Legend relief={layer.relief} units={units} terrain={terrain} /> : null}
         <Fold title={_("What the error is made of")} said={units.margin(result.std_m3)}>

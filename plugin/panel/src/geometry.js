@@ -100,7 +100,9 @@ export function toAreas(geojson) {
 function featuresOf(geojson) {
   if (geojson.type === "FeatureCollection") return (geojson.features || []).flatMap(featuresOf);
   if (geojson.type === "Feature") {
-    const name = geojson.properties && geojson.properties.name;
+    const { name, kind, proposed } = geojson.properties || {};
+    // Of what was found besides piles, and of outlines that were only proposed, nothing is measured.
+    if (proposed && kind !== "pile") return [];
     return geojson.geometry
       ? featuresOf(geojson.geometry).map((f) => ({ ...f, name: typeof name === "string" ? name : "" }))
       : [];

@@ -11,6 +11,7 @@ import numpy.typing as npt
 import shapely
 from scipy import ndimage
 
+from ...errors import SupportError
 from ...types import FloatArray, IntArray
 from ..terrain.robust import TUKEY
 from .ground import raster_ground
@@ -32,6 +33,9 @@ _FLANK = 0.5
 #: ground (of a million independent normal values the highest is at five), and in cells (a pile of
 #: the least area with slopes of 1 : 2 is two cells high).
 _LEAST_HEIGHT, _LEAST_HEIGHT_CELLS = 10.0, 2.0
+
+#: A pile of the least area is so many cells wide.
+_NARROWEST = 8
 
 #: The least area, in cells: in a square of eight by eight nearly half of the cells lie on the edge.
 _LEAST_CELLS = 64.0
@@ -112,7 +116,18 @@ def find_stockpiles(
     ----------
     least_height : metres; None for ten standard deviations of the ground, or two cells.
     least_area : m2; None for 64 cells.
+
+    Raises
+    ------
+    SupportError
+        The cloud is hardly more than a line.
     """
+    tall, wide = raster.seen.shape
+    if min(tall, wide) < _NARROWEST:
+        raise SupportError(
+            f"the cloud is {wide * raster.cell:.3g} m by {tall * raster.cell:.3g} m, in cells of "
+            f"{raster.cell:.3g} m: too narrow to find stockpiles in it; draw the areas"
+        )
     ground = raster_ground(raster)
     height = max(_LEAST_HEIGHT * ground.scatter, _LEAST_HEIGHT_CELLS * raster.cell)
     area = _LEAST_CELLS * raster.cell**2

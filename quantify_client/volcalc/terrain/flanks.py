@@ -16,7 +16,7 @@ from scipy import ndimage
 from ...types import FloatArray, IntArray
 from .ground import Ground
 from .histogram import Cubes
-from .profiles import STRIP, SURE, at_outline, at_walls, ground_limit, outwards_of
+from .profiles import STRIP, SURE, at_outline, at_walls, ground_limit, outwards_of, raw_outwards
 from .rim import Rim
 from .robust import MAD
 from .surface import AreaSurface
@@ -35,6 +35,10 @@ _GROUND_CELLS = slice(3, 9)
 
 #: The flank inside is looked at between so many cells; its steepest slope counts.
 _FLANK_CELLS = slice(1, 5)
+
+#: An outline is well inside of a pile where most of the terrain along it goes on at this share of
+#: the slope inside, and at this slope or more: ground that falls to all sides is a hill.
+_GOES_ON, _STEEP = 0.5, 0.15
 
 _BOOLS = npt.NDArray[np.bool_]
 
@@ -111,6 +115,16 @@ def find_flanks(surface: AreaSurface, ground: Ground, cubes: Cubes, reach: int) 
     rim = surface.rim
     if rim is None:
         return None
+    found = _over_predicted(surface, rim, ground, cubes, reach)
+    if found is not None and 2.0 * rim.length[found.falls].sum() >= rim.length.sum():
+        return found
+    return _well_inside(surface, rim, reach) or found
+
+
+def _over_predicted(
+    surface: AreaSurface, rim: Rim, ground: Ground, cubes: Cubes, reach: int
+) -> Flanks | None:
+    """Return what stands along the outline over the predicted ground; None where nothing does."""
     over = surface.filled[surface.inside] - ground.heights(
         *surface.heights.window.middles(surface.inside)
     )
@@ -153,7 +167,8 @@ def find_flanks(surface: AreaSurface, ground: Ground, cubes: Cubes, reach: int) 
     for stretch in stretches:
         level = max(float(along[stretch[0]]) / 2.0, float(np.median(sure)))
         # Bushes, a bank: lower a cell further inside.
-        ridge = np.nanmedian((outwards[:, 0] - limit - inner[:, 1])[stretch]) > 0
+        lower_inside = np.nan_to_num(outwards[:, 0] - limit - inner[:, 1])[stretch]
+        ridge = np.median(lower_inside) > 0
         ridge &= not goes_on[stretch].any()
         if ridge or _is_other(surface, rim, over, stretch, level):
             rises[stretch] = True
@@ -165,6 +180,38 @@ def find_flanks(surface: AreaSurface, ground: Ground, cubes: Cubes, reach: int) 
     valley, at_valley = _down(inner, limit)
     way = np.select([falls, rises], [toe, -valley]) * surface.heights.window.cell
     return Flanks(rim, above, falls, rises, way, np.where(rises, at_valley, ended))
+
+
+def _well_inside(surface: AreaSurface, rim: Rim, reach: int) -> Flanks | None:
+    """Return the flanks along an outline so far inside of a pile, or pit, that no ground is near.
+
+    None unless the terrain goes on outwards, along most of the outline, at half or more of the
+    slope inside, and that is steep. No ground is predicted from such surroundings: heights are
+    those over the lowest outwards of each point (of pits, over the highest).
+    """
+    both = raw_outwards(surface, rim, np.arange(-reach, reach + 1))
+    outer, inner = both[:, reach:], both[:, reach::-1]
+    apart = _GROUND_CELLS.start
+    cell = surface.heights.window.cell
+    within, beyond = (
+        float(np.nanmedian(drop)) / (apart * cell) if np.isfinite(drop).any() else 0.0
+        # Beside the cell that the outline cuts.
+        for drop in (inner[:, apart + 1] - inner[:, 1], outer[:, 1] - outer[:, apart + 1])
+    )
+    sign = 1.0 if within >= 0 else -1.0
+    if sign * beyond < max(_GOES_ON * sign * within, _STEEP):
+        return None
+    outer = sign * outer
+    lowest = np.nanmin(np.where(np.isfinite(outer), outer, np.inf), axis=1)[:, None]
+    outer = outer - np.where(np.isfinite(lowest), lowest, 0.0)
+    limit = np.full(len(rim.x), SURE * surface.noise.independent)
+    way, seen = _down(outer, limit)
+    above = np.nan_to_num(outer[:, 0])
+    falls = (above > limit) & (way > 0)
+    # Where the lowest is the last that is seen it may go on.
+    seen &= way < reach - 1
+    none: _BOOLS = np.zeros(len(falls), dtype=bool)
+    return Flanks(rim, above, falls, none, way * falls * cell, seen) if falls.any() else None
 
 
 def _near_ground(outwards: FloatArray, limit: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import Sequence, Tuple, Union
 
 import numpy as np
+import shapely
 from shapely import affinity
 from shapely.geometry import MultiPolygon, Polygon
 
@@ -38,6 +39,9 @@ _FEW_CELLS = 10_000
 #: out (`measure`). And no more where the area changes by less than this share.
 _ROUNDS = 4
 _UNMOVED = 0.002
+
+#: What stands beside a pile is cut off from its area if this share of it is left.
+_LEAST_LEFT = 0.5
 
 #: The other grid offsets, in cells, east and north.
 _OFFSETS = ((0.0, 0.5), (0.5, 0.0), (0.5, 0.5))
@@ -100,7 +104,9 @@ def _at_toe(
         moved = _moved(polygon, found)
         if moved is None:
             break
-        moved = polygonal(moved.intersection(within).union(without))
+        moved = polygonal(shapely.make_valid(moved.intersection(within)).union(without))
+        if moved.area < _LEAST_LEFT * drawn.area:
+            break
         if moved.symmetric_difference(polygon).area < _UNMOVED * polygon.area:
             break
         polygon = moved
@@ -113,7 +119,8 @@ def _moved(
     """Return the outline with its stretches on piles moved to the toe, or None without any."""
     if found.flanks is None:
         return None
-    return moved_to_toe(polygon, found.flanks, found.result.cell_m or 0.0)
+    moved = moved_to_toe(polygon, found.flanks, found.result.cell_m or 0.0)
+    return None if moved is None or moved.area < _LEAST_LEFT * polygon.area else moved
 
 
 def _told_of_moving(result: AreaResult, drawn_m2: float) -> AreaResult:

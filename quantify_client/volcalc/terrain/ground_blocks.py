@@ -144,24 +144,21 @@ def ground_blocks(
     fraction : (ny, nx) share of each cell inside the area.
     around : (K, 3) single points; those beyond the window count.
     off : (ny, nx) cells that are no ground of the area (`walls`), and all that goes on from there
-        beyond the window; if nothing else is seen they count.
+        beyond the window; they count if too little is seen without, inside of the outline as well.
     """
     cell, window = heights.window.cell, heights.window
     size = max(block_size(polygon), cell)
     area = _seen(heights, fraction > 0, around[:0])
-    found = None
+    depth = ndimage.distance_transform_edt(np.pad(fraction > 0, 1))[1:-1, 1:-1]
+    band = _seen(heights, (depth > 0) & (depth <= _BAND_CELLS), around[:0])
+    every = _seen(heights, fraction == 0, around)
+    tried = [every, band]
     if off is not None:
         column, row = (np.floor(place).astype(np.int64) for place in window.in_cells(*around.T[:2]))
         beyond = off[row.clip(0, window.ny - 1), column.clip(0, window.nx - 1)]
-        seen = _seen(heights, (fraction == 0) & ~off, around[~beyond])
-        found = _blocks(seen, area, size, cell)
-    if found is None:
-        found = _blocks(_seen(heights, fraction == 0, around), area, size, cell)
-    if found is None:
-        depth = ndimage.distance_transform_edt(np.pad(fraction > 0, 1))[1:-1, 1:-1]
-        band = (depth > 0) & (depth <= _BAND_CELLS)
-        found = _blocks(_seen(heights, band, around[:0]), area, size, cell)
-    return found
+        tried = [_seen(heights, (fraction == 0) & ~off, around[~beyond]), band, every]
+    found = (_blocks(ground, area, size, cell) for ground in tried)
+    return next((blocks for blocks in found if blocks is not None), None)
 
 
 def _blocks(ground: _Points, area: _Points, size: float, cell: float) -> GroundBlocks | None:

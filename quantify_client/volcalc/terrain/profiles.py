@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from ...types import FloatArray
 from .ground import Ground
+from .heights import UPPER
 from .histogram import Cubes
 from .rim import Rim
 from .surface import AreaSurface
@@ -26,6 +27,7 @@ __all__ = [
     "normals_of",
     "off_ground",
     "outwards_of",
+    "raw_outwards",
 ]
 
 #: Heights above the ground count beyond so many standard deviations of what is known of it.
@@ -93,6 +95,16 @@ def normals_of(rim: Rim) -> FloatArray:
     return normals
 
 
+def raw_outwards(surface: AreaSurface, rim: Rim, steps: npt.NDArray[np.int64]) -> FloatArray:
+    """Return heights so many cells outwards of each rim point as in `outwards_of`, of no ground."""
+    window, (row, column) = surface.heights.window, _cells_outwards(surface, rim, steps)
+    held = window.holds(row, column)
+    z = np.where(held, surface.heights.z[np.where(held, row, 0), np.where(held, column, 0)], np.nan)
+    known = np.isfinite(z)
+    level = float(np.nanmedian(z)) if known.any() else 0.0
+    return _along_rings(np.where(known, z - level, 0.0), known.astype(np.float64), rim.part)
+
+
 def outwards_of(
     surface: AreaSurface, rim: Rim, ground: Ground, steps: npt.NDArray[np.int64]
 ) -> FloatArray:
@@ -155,7 +167,8 @@ def at_outline(
     edge = surface.inside & ~ndimage.binary_erosion(surface.inside, np.ones((3, 3)))
     edge = ndimage.binary_dilation(edge, np.ones((3, 3)))
     column, row = cubes.column // size - window.first_x, cubes.row // size - window.first_y
-    near = window.holds(row, column) & ~cubes.outlying
+    # Around the area the lower one of two surfaces counts.
+    near = window.holds(row, column) & ~cubes.outlying & (cubes.layer != UPPER)
     near[near] = edge[row[near], column[near]]
     x, y = (np.asarray((v[near] + 0.5) * cubes.cell) for v in (cubes.column, cubes.row))
     _, at = cKDTree(np.column_stack([rim.x, rim.y])).query(np.column_stack([x, y]))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 import shapely
+from scipy import ndimage
 from shapely.geometry import MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
@@ -18,6 +19,10 @@ __all__ = ["moved_to_toe", "on_flanks", "polygonal"]
 
 #: A proposed outline is so many cells beyond the toe, which is within a cell of where it is seen.
 _CLEAR = 1.0
+
+#: The way to the toe is smoothed over this share of the outline, and parts of less than this share
+#: of the area are slivers.
+_SMOOTH, _LEAST_PART = 0.02, 0.01
 
 #: It has no bends of less than this share of a cell.
 _BENDS = 0.25
@@ -34,11 +39,22 @@ def moved_to_toe(
     ----------
     cell : edge of a cell, metres.
     """
-    way = np.where(flanks.falls, flanks.way + _CLEAR * cell, flanks.way) * flanks.seen
+    clear = np.where(flanks.falls, _CLEAR * cell, 0.0)
+    way = _smooth(np.where(flanks.seen, flanks.way + clear, 0.0), flanks.rim)
     if not way.any():
         return None
     moved = polygon.union(_strips(flanks.rim, np.maximum(way, 0.0)))
     return _plain(moved.difference(_strips(flanks.rim, np.minimum(way, 0.0))), polygon, cell)
+
+
+def _smooth(way: FloatArray, rim: Rim) -> FloatArray:
+    """Return medians (M,) over a fiftieth of each ring: a person draws no finer."""
+    found = way.copy()
+    for part in np.unique(rim.part):
+        ring = rim.part == part
+        wide = 2 * round(_SMOOTH * np.count_nonzero(ring) / 2.0) + 1
+        found[ring] = ndimage.median_filter(way[ring], wide, mode="wrap")
+    return found
 
 
 def on_flanks(surface: AreaSurface, flanks: Flanks) -> npt.NDArray[np.bool_]:
@@ -73,7 +89,11 @@ def _plain(
 ) -> Polygon | MultiPolygon | None:
     """Return what is left of a moved outline, without slivers and small bends; None if nothing."""
     opened = moved.buffer(-_CLEAR * cell / 2.0).buffer(_CLEAR * cell / 2.0)
-    parts = [part for part in shapely.get_parts(opened) if part.intersects(polygon)]
+    parts = [
+        part
+        for part in shapely.get_parts(opened)
+        if part.intersects(polygon) and part.area > _LEAST_PART * opened.area
+    ]
     whole = polygonal(shapely.union_all(parts).simplify(_BENDS * cell))
     return None if whole.is_empty else whole
 

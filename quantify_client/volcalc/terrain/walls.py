@@ -95,14 +95,15 @@ def find_walls(heights: CellHeights, fraction: FloatArray) -> Walls:
         return Walls(steep)
     main = int(touching.argmax())
     mostly = 2 * touching[main] > np.count_nonzero((away > 0) & (away <= 1.5))
-    piece[~np.isfinite(heights.z)] = 0
-    off_plane = _off_plane(z, piece == main)
-    level = np.nan_to_num(ndimage.median(off_plane, piece, np.arange(number + 1)))
+    # Beyond the cloud pieces go on, but nothing is known of them there.
+    seen = np.where(np.isfinite(heights.z), piece, 0)
+    off_plane = _off_plane(z, seen == main)
+    level = np.nan_to_num(ndimage.median(off_plane, seen, np.arange(number + 1)))
     # What begins below an outline that touches little ground may be the ground that it is on.
     lost = np.where((near > 0) & ~mostly, level, np.abs(level)) > WALL_CELLS * cell
     lost[[0, main]] = False
     for k in np.flatnonzero(lost & (touching > 0)):
-        lost[k] = not _reaches_over(inside, piece == k)
+        lost[k] = not _reaches_over(inside, seen == k)
     off = lost[piece]
     beside = ndimage.binary_dilation(off, np.ones((3, 3)), iterations=_BESIDE)
     off |= steep & ~inside & (beside | (np.abs(off_plane) > WALL_CELLS * cell))

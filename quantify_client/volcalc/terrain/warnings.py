@@ -58,8 +58,12 @@ def warnings_of(result: AreaResult, findings: Findings, *, compared: bool) -> It
     ----------
     compared : whether the result stands beside those on other bases.
     """
-    yield from _of_walls(*findings.at_wall)
-    yield from _of_piles(findings.on_pile, (result.volume_m3 or 0.0) < 0, result.std_m3 or 0.0)
+    walls = _of_walls(*findings.at_wall)
+    piles = _of_piles(findings.on_pile, (result.volume_m3 or 0.0) < 0, result.std_m3 or 0.0)
+    # What concerns more of the outline comes first.
+    mostly_pile = findings.on_pile.share > findings.at_wall[0]
+    for of_outline in (piles, walls) if mostly_pile else (walls, piles):
+        yield from of_outline
     yield from _of_crossings(findings, compared)
     yield from _of_layers(findings)
     if result.coverage is not None and result.coverage < FULL_SUPPORT:
