@@ -56,7 +56,7 @@ def test_csv_is_the_same(scaled):
 def test_geojson_has_the_drawn_area_and_the_same_numbers(scaled):
     area = {"type": "FeatureCollection", "features": [ROUND]}
     (found,) = json.loads(exported(document_of(scaled, area), "geojson"))["features"]
-    (wanted,) = to_geojson(scaled)["features"]
+    wanted, *_ = to_geojson(scaled)["features"]  # others are only proposed
     assert found["geometry"] == ROUND["geometry"]
     assert found["properties"].pop("measured") == "2024-05-01T10:00:00Z"
     assert found["properties"] == json.loads(json.dumps(wanted["properties"]))
