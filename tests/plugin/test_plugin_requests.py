@@ -22,8 +22,8 @@ for _ in range(12):
 @pytest.mark.parametrize(
     ("body", "words"),
     [
-        ({}, 'GeoJSON, "crop" or "whole"'),
-        ({"area": "all"}, 'GeoJSON, "crop" or "whole"'),
+        ({}, 'GeoJSON, "crop", "auto" or "whole"'),
+        ({"area": "all"}, 'GeoJSON, "crop", "auto" or "whole"'),
         ({"area": 7}, "GeoJSON"),
         ({"area": {}}, "no polygon"),
         ({"area": {"type": "Point", "coordinates": [0, 0]}}, "no polygon"),
@@ -56,7 +56,7 @@ for _ in range(12):
         ({"area": ROUND, "options": {"hollow": True}}, "measured whole"),
         (
             {"area": "whole", "options": {"shape": "object", "base": "plane"}},
-            "base, toe and layer go with shape terrain",
+            "go with shape terrain",
         ),
         ({"area": ROUND, "options": {"scale_mode": "full"}}, "go with control: give"),
         (
