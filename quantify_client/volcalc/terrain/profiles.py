@@ -97,9 +97,7 @@ def normals_of(rim: Rim) -> FloatArray:
 
 def raw_outwards(surface: AreaSurface, rim: Rim, steps: npt.NDArray[np.int64]) -> FloatArray:
     """Return heights so many cells outwards of each rim point as in `outwards_of`, of no ground."""
-    window, (row, column) = surface.heights.window, _cells_outwards(surface, rim, steps)
-    held = window.holds(row, column)
-    z = np.where(held, surface.heights.z[np.where(held, row, 0), np.where(held, column, 0)], np.nan)
+    z = _heights_at(surface, *_cells_outwards(surface, rim, steps))
     known = np.isfinite(z)
     level = float(np.nanmedian(z)) if known.any() else 0.0
     return _along_rings(np.where(known, z - level, 0.0), known.astype(np.float64), rim.part)
@@ -118,8 +116,7 @@ def outwards_of(
     steps : (K,) cells outwards; inwards below zero.
     """
     window, (row, column) = surface.heights.window, _cells_outwards(surface, rim, steps)
-    held = window.holds(row, column)
-    z = np.where(held, surface.heights.z[np.where(held, row, 0), np.where(held, column, 0)], np.nan)
+    z = _heights_at(surface, row, column)
     if surface.walls.off is not None:
         z[at_walls(surface, rim, steps)] = np.nan
     # The ground below the middles of the cells that have these heights.
@@ -130,6 +127,15 @@ def outwards_of(
     over = z - ground.heights_beyond(*below).reshape(z.shape)
     known = np.isfinite(over)
     return _along_rings(np.where(known, over, 0.0), known.astype(np.float64), rim.part)
+
+
+def _heights_at(
+    surface: AreaSurface, row: npt.NDArray[np.int64], column: npt.NDArray[np.int64]
+) -> FloatArray:
+    """Return the heights of cells (M, K), NaN where nothing was measured or beyond the window."""
+    held = surface.heights.window.holds(row, column)
+    z = surface.heights.z[np.where(held, row, 0), np.where(held, column, 0)]
+    return np.where(held, z, np.nan)
 
 
 def _cells_outwards(

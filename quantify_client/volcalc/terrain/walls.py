@@ -19,7 +19,7 @@ from ...types import FloatArray
 from .grid import CellWindow
 from .heights import CellHeights
 from .histogram import Cubes
-from .robust import robust_plane
+from .robust import MAD, robust_plane
 
 __all__ = ["NO_WALLS", "WALL_CELLS", "Walls", "find_walls", "heights_at_walls"]
 
@@ -30,9 +30,6 @@ _STEEPEST = 1.0
 #: And a slope is steep that noise hardly makes: a normal variable is off by more than so many
 #: standard deviations once in 10^7.
 _SURE = 5.3
-
-#: Median absolute deviation of a normal variable of variance 1.
-_MAD = 0.6745
 
 #: Cells from an outline beside a wall to the ground above: the slope of a step is seen in three,
 #: and the outline may be a cell off.
@@ -176,7 +173,7 @@ def _steep(z: FloatArray, cell: float) -> _BOOLS:
     for heights, marked in ((z, steep), (z.T, steep.T)):
         slope = np.diff(heights, axis=0) / cell
         level = float(np.median(slope))
-        scatter = float(np.median(np.abs(slope - level))) / _MAD
+        scatter = MAD * float(np.median(np.abs(slope - level)))
         wall = (np.abs(slope - level) > _SURE * scatter) & (np.abs(slope) > _STEEPEST)
         # Both cells.
         marked[1:] |= wall
