@@ -179,17 +179,17 @@ def _over_gaps(
 ) -> float:
     """Return the error over some gaps, from the deepest place, the border and the step of each."""
     label, number = ndimage.label(gap)
-    index = np.arange(1, number + 1)
-    area = np.asarray(ndimage.sum_labels(a, label, index))
-    deepest, shape = (
-        np.asarray(ndimage.maximum(values, label, index)) for values in (depth, by_shape)
-    )
+    of_gap = label[gap] - 1
+    area, total = (np.bincount(of_gap, values[gap], number) for values in (a, step))
+    deepest, shape = np.zeros(number), np.zeros(number)
+    np.maximum.at(deepest, of_gap, depth[gap])
+    np.maximum.at(shape, of_gap, by_shape[gap])
     # The second ring around each gap: the slope of the first has its interpolated heights in it.
     near, further = (ndimage.grey_dilation(label, size=(side, side)) for side in (3, 5))
-    border = np.where(near > 0, 0, further)
-    cells = np.bincount(border.ravel(), minlength=number + 1)[1:]
-    rising = deepest * ndimage.sum_labels(inward, border, index) / np.maximum(cells, 1)
-    mean = np.asarray(ndimage.mean(step, label, index))
+    ring = (near == 0) & (further > 0)
+    rise, cells = (np.bincount(further[ring] - 1, w, number) for w in (inward[ring], None))
+    rising = deepest * rise / np.maximum(cells, 1)
+    mean = total / np.maximum(np.bincount(of_gap, minlength=number), 1)
     square = shape**2 + (_CONTINUED * rising) ** 2 + (_UNSEEN_STEP * mean) ** 2
     return float(np.sqrt((area**2 * square).sum()))
 

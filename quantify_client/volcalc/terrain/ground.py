@@ -84,11 +84,10 @@ class _Lattice:
         left = np.minimum(u.astype(np.int64), wide - 2)
         low = np.minimum(v.astype(np.int64), tall - 2)
         a, b = u - left, v - low
-        share = np.stack([(1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b])
-        node = np.stack([self.number[low + i, left + j] for i in (0, 1) for j in (0, 1)])
-        place = np.tile(np.arange(len(x)), 4)
-        shape = (len(x), len(self.used))
-        return sparse.csr_matrix((share.ravel(), (place, node.ravel())), shape)
+        share = np.stack([(1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b], axis=1)
+        node = np.stack([self.number[low + i, left + j] for i in (0, 1) for j in (0, 1)], axis=1)
+        rows = np.arange(0, share.size + 1, 4)
+        return sparse.csr_matrix((share.ravel(), node.ravel(), rows), (len(x), len(self.used)))
 
     def shifted(self, east: float, north: float) -> _Lattice:
         """Return the lattice moved, metres."""

@@ -234,19 +234,22 @@ def _keep_what_goes_on(
     flat : (M,) number of each cube's cell.
     """
     size, gap = window.nx * window.ny, LAYER_GAP_CELLS * window.cell / cubes.cell
-    low, high = np.full(size, np.inf), np.full(size, -np.inf)
-    np.minimum.at(low, flat[kept], cubes.bin[kept])
-    np.maximum.at(high, flat[kept], cubes.bin[kept])
     around = np.array([y * window.nx + x for y in (-1, 0, 1) for x in (-1, 0, 1)])
     left = np.flatnonzero(~kept)
+    near = np.clip(flat[left, None] + around, 0, size - 1)
+    beside = np.zeros(size, dtype=bool)
+    beside[near] = True
+    known = np.flatnonzero(kept & beside[flat])
+    low, high = np.full(size, np.inf), np.full(size, -np.inf)
+    np.minimum.at(low, flat[known], cubes.bin[known])
+    np.maximum.at(high, flat[known], cubes.bin[known])
     # As far as a block reaches, from cell to cell.
     for _ in range(MOST_BLOCK):
-        near = np.clip(flat[left, None] + around, 0, size - 1)
         bins = cubes.bin[left, None]
         found = ((np.abs(bins - low[near]) <= gap) | (np.abs(bins - high[near]) <= gap)).any(axis=1)
         if not found.any():
             return
-        back, left = left[found], left[~found]
+        back, left, near = left[found], left[~found], near[~found]
         kept[back] = True
         np.minimum.at(low, flat[back], cubes.bin[back])
         np.maximum.at(high, flat[back], cubes.bin[back])
@@ -359,10 +362,9 @@ def _at_middles(
 
 def _parts(cubes: Cubes, flat: IntArray, size: int) -> IntArray:
     """Return how many parts of each cell, a cube wide, have points; (size,)."""
-    part = cubes.column % cubes.factor * cubes.factor + cubes.row % cubes.factor
-    has_points = np.zeros((size, cubes.factor**2), dtype=bool)
-    has_points[flat, part] = True
-    return np.asarray(np.count_nonzero(has_points, axis=1))
+    # Cubes over each other follow each other.
+    lowest = run_starts(cubes.column) | run_starts(cubes.row)
+    return np.bincount(flat[lowest], minlength=size)
 
 
 def _places(cubes: Cubes, flat: IntArray, count: IntArray) -> FloatArray:

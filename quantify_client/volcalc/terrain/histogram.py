@@ -97,6 +97,7 @@ class Cubes:
 
     def select(self, which: npt.NDArray[np.bool_] | IntArray) -> Cubes:
         """Return some of the cubes."""
+        which = np.flatnonzero(which) if which.dtype == np.bool_ else which
         return replace(self, **{name: getattr(self, name)[which] for name in _PER_CUBE})
 
     def shifted(self, east: int, north: int) -> Cubes:
@@ -110,7 +111,7 @@ class Cubes:
         low = (1 << times) - 1
         inside = self.inside + self.count * ((self.bin & low) * self.height)
         column, row, bins = self.column >> times, self.row >> times, self.bin >> times
-        order = np.lexsort((bins, row, column))
+        order = _order_of_places(column, row, bins)
         column, row, bins = column[order], row[order], bins[order]
         start = np.flatnonzero(run_starts(column) | run_starts(row) | run_starts(bins))
         return replace(
@@ -152,6 +153,16 @@ def sorting_order(keys: IntArray) -> IntArray:
         digit = (keys >> shift)[order] & 0xFFFF
         order = order[np.argsort(digit.astype(np.uint16), kind="stable")]
     return order
+
+
+def _order_of_places(column: IntArray, row: IntArray, bins: IntArray) -> IntArray:
+    """Return what sorts cubes by column, row and bin, equal ones in their order."""
+    keys = np.zeros(len(column), dtype=np.int64)
+    for values in (column, row, bins) if len(column) else ():
+        low = int(values.min())
+        # All three had one number of 64 bits on their way here (`Packing`).
+        keys = (keys << (int(values.max()) - low).bit_length()) + (values - low)
+    return np.argsort(keys, kind="stable")
 
 
 def _sums(values: IntArray, start: IntArray) -> IntArray:

@@ -34,10 +34,6 @@ __all__ = ["Measured", "Sides", "TerrainRecipe", "measure_sides", "measure_terra
 _BEYOND = 20
 
 
-#: With less of the outline than this on a flank the ground is not predicted once more without it.
-_LITTLE = 0.05
-
-
 @dataclass(frozen=True)
 class TerrainRecipe:
     """How an area is to be measured: what the options say, resolved for this area.
@@ -248,7 +244,12 @@ def _ground(surface: AreaSurface, points: AreaPoints) -> tuple[Ground | None, Fl
 
     ground = found(surface.walls.off)
     flanks = None if ground is None else find_flanks(surface, ground, points.cubes, _BEYOND)
-    if flanks is None or flanks.on_pile(1.0).share < _LITTLE:
+    if ground is None or flanks is None:
+        return ground, flanks
+    places = surface.heights.window.middles(surface.inside)
+    std = ground.errors(*places, surface.a[None, surface.inside])[0]
+    if flanks.on_pile(1.0).beyond <= std:
+        # Less than the base is uncertain by anyway.
         return ground, flanks
     # The flank between outline and toe is no ground.
     off = on_flanks(surface, flanks)
