@@ -54,7 +54,7 @@ def test_a_sound_result_has_no_warning():
             Findings(on_pile=OnPile(across=0.2)),
             "outline-crosses-neighbour",
             {"share": 0.2},
-            "20% of the outline lie on another pile, a bank or a wall",
+            "20% of the outline lie on another pile, a bank or plants",
         ),
         (
             Findings(layers=Layers(0.063, 2.57)),

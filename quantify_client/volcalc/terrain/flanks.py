@@ -7,7 +7,7 @@ something else. Below the ground, of pits, all is turned over.
 
 from __future__ import annotations
 
-from typing import Iterator, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -16,9 +16,10 @@ from scipy import ndimage
 from ...types import FloatArray, IntArray
 from .ground import Ground
 from .histogram import Cubes
-from .profiles import STRIP, SURE, at_outline, at_walls, ground_limit, outwards_of, raw_outwards
+from .outline_points import OutlinePoints
+from .profiles import STRIP, at_outline, at_walls, ground_limit, outwards_of, raw_outwards
 from .rim import Rim
-from .robust import MAD
+from .robust import MAD, SURE
 from .surface import AreaSurface
 
 __all__ = ["NOT_ON_PILE", "Flanks", "OnPile", "find_flanks"]
@@ -40,6 +41,9 @@ _FLANK_CELLS = slice(1, 5)
 #: the slope inside, and at this slope or more: ground that falls to all sides is a hill.
 _GOES_ON, _STEEP = 0.5, 0.15
 
+#: How rough the terrain is is looked at so many cells inwards of the outline, and not outwards.
+_INWARDS = (7.0, 0.0)
+
 _BOOLS = npt.NDArray[np.bool_]
 
 
@@ -51,9 +55,12 @@ class OnPile(NamedTuple):
     share : of the outline on what goes down outwards, to the toe: the pile that is measured.
     height : of the terrain over the ground there, median, metres.
     toe : distance from the outline to the toe, median, metres; NaN where it is out of sight.
-    across : share of the outline on what goes up outwards: another pile, a wall, a bank.
+    across : share of the outline on what goes up outwards: another pile, a bank, plants.
     beyond : volume between the outline and the toe, if the flank is straight, or as far as it is
         seen, m3.
+    at_edge : share of the outline beside a step, and the height of the terrain over the ground
+        there, median, metres.
+    sloping : share of the outline on what goes down, but in no step.
     """
 
     share: float = 0.0
@@ -61,6 +68,8 @@ class OnPile(NamedTuple):
     toe: float = 0.0
     across: float = 0.0
     beyond: float = 0.0
+    at_edge: tuple[float, float] = (0.0, 0.0)
+    sloping: float = 0.0
 
 
 NOT_ON_PILE = OnPile()
@@ -74,6 +83,7 @@ class Flanks(NamedTuple):
     rim : the points.
     above : (M,) height of the terrain over the ground at the outline; of pits the depth; metres.
     falls, rises : (M,) bool, on what goes down outwards, and on what goes up.
+    edges : (M,) bool, where either is steeper than loose material.
     way : (M,) metres outwards to the toe of what falls; inwards, and negative, to the valley before
         what rises; as far as anything is seen, and 0 on the ground.
     seen : (M,) bool, where toe or valley are.
@@ -83,16 +93,20 @@ class Flanks(NamedTuple):
     above: FloatArray
     falls: _BOOLS
     rises: _BOOLS
+    edges: _BOOLS
     way: FloatArray
     seen: _BOOLS
 
     def on_pile(self, ground_factor: float) -> OnPile:
         """Return which shares of the outline lie on a pile, and how far out its toe is."""
         length, falls = self.rim.length, self.falls
-        whole = float(length.sum())
-        share, across = (float(length[some].sum()) / whole for some in (falls, self.rises))
+        share, across, beside, sloping = (
+            float(length[some].sum() / length.sum())
+            for some in (falls, self.rises, self.edges, falls & ~self.edges)
+        )
+        at_edge = beside, float(np.median(self.above[self.edges])) if beside else 0.0
         if not falls.any():
-            return OnPile(across=across)
+            return OnPile(across=across, at_edge=at_edge)
         beyond = length * self.way * self.above
         toe = float(np.median(np.where(self.seen, self.way, np.inf)[falls]))
         return OnPile(
@@ -101,6 +115,8 @@ class Flanks(NamedTuple):
             toe if np.isfinite(toe) else np.nan,
             across,
             float(beyond[falls].sum()) / (2.0 * ground_factor),
+            at_edge,
+            sloping,
         )
 
 
@@ -121,34 +137,68 @@ def find_flanks(surface: AreaSurface, ground: Ground, cubes: Cubes, reach: int) 
     return _well_inside(surface, rim, reach) or found
 
 
-def _over_predicted(
-    surface: AreaSurface, rim: Rim, ground: Ground, cubes: Cubes, reach: int
-) -> Flanks | None:
-    """Return what stands along the outline over the predicted ground; None where nothing does."""
+class _Profile(NamedTuple):
+    """Heights over the ground across the outline; of pits turned over.
+
+    Attributes
+    ----------
+    sign : -1.0 for pits.
+    above : (M,) at the outline, metres.
+    outer, inner : (M, K) at 0, 1 .. K - 1 cells outwards and inwards, metres.
+    limit, general : (M,) up to which it is the ground: by what is near, and by what was predicted.
+    on : (M,) bool, where something stands at the outline.
+    """
+
+    sign: float
+    above: FloatArray
+    outer: FloatArray
+    inner: FloatArray
+    limit: FloatArray
+    general: FloatArray
+    on: _BOOLS
+
+
+def _profile(
+    surface: AreaSurface, rim: Rim, ground: Ground, cubes: Cubes, steps: IntArray
+) -> _Profile:
+    """Return the heights across the outline."""
     over = surface.filled[surface.inside] - ground.heights(
         *surface.heights.window.middles(surface.inside)
     )
     # A volume below zero is that of a pit.
     sign = 1.0 if np.nansum(over * surface.a[surface.inside]) >= 0 else -1.0
-    steps = np.arange(reach + 1)
-    outwards = outwards_of(surface, rim, ground, steps)
-    sure = ground_limit(rim, ground)
-    off, limit = _near_ground(outwards, sure)
-    outwards = sign * (outwards - off[:, None])
-    inwards = sign * (outwards_of(surface, rim, ground, -steps) - off[:, None])
+    outer = outwards_of(surface, rim, ground, steps)
+    general = ground_limit(rim, ground)
+    off, limit = _near_ground(outer, general)
+    outer = sign * (outer - off[:, None])
+    inner = sign * (outwards_of(surface, rim, ground, -steps) - off[:, None])
     above, beside, error = at_outline(surface, rim, ground, cubes)
     above, beside = (
-        np.where(np.isfinite(seen), sign * (seen - off), outwards[:, cell])
+        np.where(np.isfinite(seen), sign * (seen - off), outer[:, cell])
         for cell, seen in enumerate((above, beside))
     )
     # With its toe at the outline a flank of this slope would be so high in the strip, on average.
-    slope = np.nan_to_num(np.diff(inwards[:, _FLANK_CELLS], axis=1)).max(axis=1, initial=0.0)
+    slope = np.nan_to_num(np.diff(inner[:, _FLANK_CELLS], axis=1)).max(axis=1, initial=0.0)
     on = np.maximum(beside, above - slope * STRIP / 4.0) > np.hypot(limit, SURE * error)
+    return _Profile(sign, above, outer, inner, limit, general, on)
+
+
+def _over_predicted(
+    surface: AreaSurface, rim: Rim, ground: Ground, cubes: Cubes, reach: int
+) -> Flanks | None:
+    """Return what stands along the outline over the predicted ground; None where nothing does."""
+    steps = np.arange(reach + 1)
+    sign, above, outwards, inwards, limit, general, on = _profile(
+        surface, rim, ground, cubes, steps
+    )
     if not on.any():
         return None
-    goes_on = on & _goes_on(surface, rim, ground, reach, sign * float(np.median(sure)))
+    level = float(np.median(general))
+    goes_on = on & _goes_on(surface, rim, ground, reach, sign * level)
     if 2.0 * rim.length[goes_on].sum() >= rim.length.sum():
         goes_on &= False
+    edges, walled = _at_edges(surface, on, sign)
+    points = OutlinePoints.of(surface.heights.window, surface.inside, rim, cubes, _INWARDS)
     outer, inner = (np.column_stack([above, side[:, 1:]]) for side in (outwards, inwards))
     # Where either is not known it is taken to go down.
     up = outer[:, _NEAR] > inner[:, _NEAR]
@@ -157,7 +207,7 @@ def _over_predicted(
     toe, ended = _down(outer, limit)
     # Of what goes up, a good deal more than its height at the outline.
     highest = np.where(np.isfinite(outer), outer, -np.inf).max(axis=1)
-    stretches = list(_stretches(on, rim.part))
+    stretches = list(rim.stretches(on))
     along = above.copy()
     for stretch in stretches:
         # So that the bank of a channel that winds does not rise to its middle.
@@ -165,21 +215,33 @@ def _over_predicted(
     rises = on & up & (highest > _RISE * along + limit)
     over = sign * _over_ground(surface, ground, reach)
     for stretch in stretches:
-        level = max(float(along[stretch[0]]) / 2.0, float(np.median(sure)))
+        half = max(float(along[stretch[0]]) / 2.0, level)
         # Bushes, a bank: lower a cell further inside.
         lower_inside = np.nan_to_num(outwards[:, 0] - limit - inner[:, 1])[stretch]
-        ridge = np.median(lower_inside) > 0
-        ridge &= not goes_on[stretch].any()
-        if ridge or _is_other(surface, rim, over, stretch, level):
+        ridge = np.median(lower_inside) > 0 and not goes_on[stretch].any()
+        if ridge or _is_other(surface, rim, over, stretch, half) or points.is_rough(stretch):
             rises[stretch] = True
+    rises &= ~walled
     # What stays as high has no toe, and on a saddle it is beside the outline.
     lowest = np.nanmin(np.where(np.isfinite(outer), outer, np.inf), axis=1)
-    falls = on & ~up & ~rises & ~goes_on & (ended | (lowest < above - limit)) & (toe > 0)
-    if not (falls | rises).any():
+    falls = on & ~up & ~rises & ~goes_on & ~walled & (ended | (lowest < above - limit)) & (toe > 0)
+    if not (falls | rises | edges).any():
         return None
     valley, at_valley = _down(inner, limit)
     way = np.select([falls, rises], [toe, -valley]) * surface.heights.window.cell
-    return Flanks(rim, above, falls, rises, way, np.where(rises, at_valley, ended))
+    return Flanks(rim, above, falls, rises, edges, way, np.where(rises, at_valley, ended))
+
+
+def _at_edges(surface: AreaSurface, on: _BOOLS, sign: float) -> tuple[_BOOLS, _BOOLS]:
+    """Return which rim points on something (M,) are beside a step, and which before a wall.
+
+    In pits neither is told: their walls are what is measured.
+    """
+    edges, before = (
+        on & (np.zeros(len(on), dtype=bool) if some is None or sign < 0 else some)
+        for some in (surface.walls.edges, surface.walls.before)
+    )
+    return edges, before
 
 
 def _well_inside(surface: AreaSurface, rim: Rim, reach: int) -> Flanks | None:
@@ -211,7 +273,7 @@ def _well_inside(surface: AreaSurface, rim: Rim, reach: int) -> Flanks | None:
     # Where the lowest is the last that is seen it may go on.
     seen &= way < reach - 1
     none: _BOOLS = np.zeros(len(falls), dtype=bool)
-    return Flanks(rim, above, falls, none, way * falls * cell, seen) if falls.any() else None
+    return Flanks(rim, above, falls, none, none, way * falls * cell, seen) if falls.any() else None
 
 
 def _near_ground(outwards: FloatArray, limit: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -236,18 +298,6 @@ def _near_ground(outwards: FloatArray, limit: FloatArray) -> tuple[FloatArray, F
     off[enough] = level
     scatter = MAD * float(np.nanmedian(np.abs(some - level[:, None])))
     return off, np.where(enough, np.minimum(limit, SURE * scatter), limit)
-
-
-def _stretches(on: _BOOLS, part: IntArray) -> Iterator[IntArray]:
-    """Yield the numbers of the points of each stretch of the rings that is `on` something, (M,)."""
-    for number in np.unique(part):
-        ring = np.flatnonzero(part == number)
-        if not on[ring].all():
-            # From a point between two stretches on.
-            ring = np.roll(ring, -int(np.flatnonzero(~on[ring])[0]))
-        stretch, count = ndimage.label(on[ring])
-        for k in range(1, count + 1):
-            yield ring[stretch == k]
 
 
 def _down(heights: FloatArray, limit: FloatArray) -> tuple[FloatArray, _BOOLS]:

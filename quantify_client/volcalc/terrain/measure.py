@@ -193,14 +193,16 @@ def _on_base(
     """Return the result of one area on one base."""
     volume, crossings = _cut_and_fill(base_name, surface, ground, surface.noise.cell)
     rim = volume.base.rim
+    on_pile = NOT_ON_PILE if flanks is None else flanks.on_pile(recipe.ground_factor)
+    at_wall = (0.0, 0.0) if ground is None else beside_walls(surface, ground)
     lost = surface.fraction[surface.inside & ~np.isfinite(surface.filled)].sum()
     findings = Findings(
         crossings=tuple((one.height, one.length / recipe.ground_factor) for one in crossings),
         lost_m2=float(lost) * surface.cell**2,
         unsupported_rim=0.0 if rim is None else 1.0 - rim.supported,
         relief_m=0.0 if ground is None else ground.relief,
-        on_pile=NOT_ON_PILE if flanks is None else flanks.on_pile(recipe.ground_factor),
-        at_wall=(0.0, 0.0) if ground is None else beside_walls(surface, ground),
+        on_pile=on_pile,
+        at_wall=max(at_wall, on_pile.at_edge),
         layers=layers,
         layer=recipe.layer,
     )

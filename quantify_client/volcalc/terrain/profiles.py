@@ -7,43 +7,36 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
-from scipy.spatial import cKDTree
 
 from ...types import FloatArray
 from .ground import Ground
-from .heights import UPPER
 from .histogram import Cubes
-from .rim import Rim
+from .outline_points import OutlinePoints
+from .rim import ALONG, Rim, along_rings, normals_of
+from .robust import SURE
 from .surface import AreaSurface
 from .walls import WALL_CELLS
 
 __all__ = [
     "STRIP",
-    "SURE",
     "at_outline",
     "at_walls",
     "beside_walls",
     "ground_limit",
-    "normals_of",
     "off_ground",
     "outwards_of",
     "raw_outwards",
 ]
 
-#: Heights above the ground count beyond so many standard deviations of what is known of it.
-SURE = 3.0
-
-#: Points of the outline whose heights are averaged, at the same distance from it: one for each
-#: cell.
-_ALONG = 5
-
-#: Half of the width, in cells, of the strip along the outline in which it is known how high the
-#: terrain is there: on an even flank the mean is that at the outline.
-STRIP = 0.25
-
 #: A wall is seen within so many cells of an outline beside it: its foot may be two cells off, and a
 #: step is spread over two.
 _BESIDE = 4
+
+#: Half of the width, in cells, of the strip along the outline in which it is known how high the
+#: terrain is there: on an even flank the mean is that at the outline. It is in cells next to those
+#: along the outline.
+STRIP = 0.25
+_NEXT = (1.5, 1.5)
 
 _BOOLS = npt.NDArray[np.bool_]
 
@@ -83,24 +76,12 @@ def ground_limit(rim: Rim, ground: Ground) -> FloatArray:
     return np.asarray(SURE * np.sqrt(variance))
 
 
-def normals_of(rim: Rim) -> FloatArray:
-    """Return unit vectors outwards of the rim's points, (2, M)."""
-    normals = np.empty((2, len(rim.x)))
-    for part in np.unique(rim.part):
-        ring = rim.part == part
-        along = [np.roll(v[ring], -1) - v[ring] for v in (rim.x, rim.y)]
-        size = np.maximum(np.hypot(*along), 1e-12)
-        # Outer rings are counter-clockwise.
-        normals[:, ring] = along[1] / size, -along[0] / size
-    return normals
-
-
 def raw_outwards(surface: AreaSurface, rim: Rim, steps: npt.NDArray[np.int64]) -> FloatArray:
     """Return heights so many cells outwards of each rim point as in `outwards_of`, of no ground."""
     z = _heights_at(surface, *_cells_outwards(surface, rim, steps))
     known = np.isfinite(z)
     level = float(np.nanmedian(z)) if known.any() else 0.0
-    return _along_rings(np.where(known, z - level, 0.0), known.astype(np.float64), rim.part)
+    return along_rings(np.where(known, z - level, 0.0), known.astype(np.float64), rim.part)
 
 
 def outwards_of(
@@ -126,7 +107,7 @@ def outwards_of(
     ]
     over = z - ground.heights_beyond(*below).reshape(z.shape)
     known = np.isfinite(over)
-    return _along_rings(np.where(known, over, 0.0), known.astype(np.float64), rim.part)
+    return along_rings(np.where(known, over, 0.0), known.astype(np.float64), rim.part)
 
 
 def _heights_at(
@@ -165,61 +146,22 @@ def at_outline(
     """Return heights over the ground at rim points, just outside of these, and the latter's error.
 
     All are (M,), metres; the error is that of the points' white noise.
-
-    Cells at the outline say the mean of more than a cell around: a flank that ends within them is
-    seen in cubes.
     """
-    window, size = surface.heights.window, cubes.factor
-    edge = surface.inside & ~ndimage.binary_erosion(surface.inside, np.ones((3, 3)))
-    edge = ndimage.binary_dilation(edge, np.ones((3, 3)))
-    column, row = cubes.column // size - window.first_x, cubes.row // size - window.first_y
-    # Around the area the lower one of two surfaces counts.
-    near = window.holds(row, column) & ~cubes.outlying & (cubes.layer != UPPER)
-    near[near] = edge[row[near], column[near]]
-    x, y = (np.asarray((v[near] + 0.5) * cubes.cell) for v in (cubes.column, cubes.row))
-    _, at = cKDTree(np.column_stack([rim.x, rim.y])).query(np.column_stack([x, y]))
-    east, north = normals_of(rim)
-    off = (x - rim.x[at]) * east[at] + (y - rim.y[at]) * north[at]
-    # At a corner no normal says what is outside.
-    off[_corners(rim)[at]] = np.inf
-    count, strip = cubes.count[near], STRIP * window.cell
-    z = cubes.bin[near] * cubes.cell + cubes.inside[near] / count * cubes.quantum
-    over = z - ground.heights(x, y)
+    points = OutlinePoints.of(surface.heights.window, surface.inside, rim, cubes, _NEXT)
+    count, off = points.count, points.off
+    over = points.z - ground.heights(points.x, points.y)
 
     def of_points(weight: npt.NDArray[Any], some: _BOOLS) -> FloatArray:
-        sums = np.bincount(at[some], weight[some], len(rim.x)).astype(np.float64)
+        sums = np.bincount(points.beside[some], weight[some], len(rim.x)).astype(np.float64)
         return np.asarray(sums[:, None])
 
     # Just outside are cubes that the outline does not cut.
-    beside = (off >= cubes.cell / 2.0) & (off <= 2.0 * strip)
+    beside = (off >= 0.5 / cubes.factor) & (off <= 2.0 * STRIP)
     heights = [
-        _along_rings(of_points(count * over, some), of_points(count, some), rim.part)[:, 0]
-        for some in (np.abs(off) <= strip, beside)
+        along_rings(of_points(count * over, some), of_points(count, some), rim.part)[:, 0]
+        for some in (np.abs(off) <= STRIP, beside)
     ]
     one = np.ones((len(rim.x), 1))
-    held = _ALONG * _along_rings(of_points(count, beside), one, rim.part)[:, 0]
+    held = ALONG * along_rings(of_points(count, beside), one, rim.part)[:, 0]
     error = float(np.median(surface.noise.point)) / np.sqrt(np.maximum(held, 1.0))
     return heights[0], heights[1], np.asarray(error)
-
-
-def _corners(rim: Rim) -> _BOOLS:
-    """Return at which rim points (M,) the outline turns by more than 45 degrees."""
-    normals, sharp = normals_of(rim), np.zeros(len(rim.x), dtype=bool)
-    for part in np.unique(rim.part):
-        ring = rim.part == part
-        turn = (normals[:, ring] * np.roll(normals[:, ring], 1, axis=1)).sum(axis=0)
-        sharp[ring] = turn < np.sqrt(0.5)
-    return sharp
-
-
-def _along_rings(total: FloatArray, count: FloatArray, part: npt.NDArray[np.int64]) -> FloatArray:
-    """Return means (M, K) over `_ALONG` points along each ring, column by column; NaN of none."""
-    found = np.full(total.shape, np.nan)
-    for number in np.unique(part):
-        ring = part == number
-        sums, weights = (
-            ndimage.uniform_filter1d(v[ring], _ALONG, axis=0, mode="wrap") for v in (total, count)
-        )
-        some = weights > 0.5
-        found[ring] = np.where(some, sums / np.where(some, weights, 1.0), np.nan)
-    return found

@@ -9,12 +9,12 @@ are interpolated straight across.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Sequence
+from typing import Iterator, NamedTuple, Sequence
 
 import numpy as np
 import numpy.typing as npt
 import shapely
-from scipy import sparse
+from scipy import ndimage, sparse
 from scipy.spatial import Delaunay, cKDTree
 from shapely.geometry import LinearRing, Polygon
 
@@ -24,10 +24,13 @@ from .heights import CellHeights
 from .robust import MAD, plane_residuals, quantile, robust_plane_weights
 
 __all__ = [
+    "ALONG",
     "Crossing",
     "Rim",
+    "along_rings",
     "bridge_crossings",
     "interpolation_along",
+    "normals_of",
     "require_plain_outline",
     "sample_rim",
 ]
@@ -55,6 +58,10 @@ _MOST_FOLDS = 8
 
 #: Bends of less than this share of a cell are left out of an outline with very many corners.
 _FINEST = 0.05
+
+#: Points of the outline whose heights are averaged, at the same distance from it: one for each
+#: cell.
+ALONG = 5
 
 #: Rim points whose planes are fitted at a time: the bound on memory.
 _AT_ONCE = 8_192
@@ -94,6 +101,17 @@ class Rim:
     part: IntArray
     weights: sparse.csr_matrix
     supported: float
+
+    def stretches(self, on: npt.NDArray[np.bool_]) -> Iterator[IntArray]:
+        """Yield the numbers of the points of each stretch of the rings that is `on` it, (M,)."""
+        for number in np.unique(self.part):
+            ring = np.flatnonzero(self.part == number)
+            if not on[ring].all():
+                # From a point between two stretches on.
+                ring = np.roll(ring, -int(np.flatnonzero(~on[ring])[0]))
+            stretch, count = ndimage.label(on[ring])
+            for k in range(1, count + 1):
+                yield ring[stretch == k]
 
 
 class Crossing(NamedTuple):
@@ -342,3 +360,28 @@ def _runs(flags: npt.NDArray[np.bool_]) -> list[npt.NDArray[np.int64]]:
     change = np.diff(np.concatenate([[0], turned.astype(np.int8), [0]]))
     starts, ends = np.flatnonzero(change == 1), np.flatnonzero(change == -1)
     return [(np.arange(s - 1, e + 1) + first) % n for s, e in zip(starts, ends)]
+
+
+def normals_of(rim: Rim) -> FloatArray:
+    """Return unit vectors outwards of the rim's points, (2, M)."""
+    normals = np.empty((2, len(rim.x)))
+    for part in np.unique(rim.part):
+        ring = rim.part == part
+        along = [np.roll(v[ring], -1) - v[ring] for v in (rim.x, rim.y)]
+        size = np.maximum(np.hypot(*along), 1e-12)
+        # Outer rings are counter-clockwise.
+        normals[:, ring] = along[1] / size, -along[0] / size
+    return normals
+
+
+def along_rings(total: FloatArray, count: FloatArray, part: npt.NDArray[np.int64]) -> FloatArray:
+    """Return means (M, K) over `ALONG` points along each ring, column by column; NaN of none."""
+    found = np.full(total.shape, np.nan)
+    for number in np.unique(part):
+        ring = part == number
+        sums, weights = (
+            ndimage.uniform_filter1d(v[ring], ALONG, axis=0, mode="wrap") for v in (total, count)
+        )
+        some = weights > 0.5
+        found[ring] = np.where(some, sums / np.where(some, weights, 1.0), np.nan)
+    return found

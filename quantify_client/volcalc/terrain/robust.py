@@ -11,6 +11,7 @@ from ...types import FloatArray, IntArray
 
 __all__ = [
     "MAD",
+    "SURE",
     "TUKEY",
     "plane_residuals",
     "plane_through",
@@ -26,6 +27,9 @@ _PLANE_ROUNDS = 8
 
 #: Standard deviation of a normal variable over its median absolute deviation.
 MAD = 1.4826
+
+#: What is off by more than so many standard deviations is no chance.
+SURE = 3.0
 
 #: Heights (M,) at places x and y (M,), metres.
 Plane = Callable[[FloatArray, FloatArray], FloatArray]

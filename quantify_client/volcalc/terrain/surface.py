@@ -199,7 +199,8 @@ def find_surface(
     # The slopes of smoothed heights reach two cells further than the area.
     needed = ndimage.binary_dilation(fraction > 0, iterations=2)
     filled = fill_gaps(heights.z, reach, needed)
-    walls, at_walls = find_walls(heights, fraction) if walled else NO_WALLS, None
+    walls = find_walls(heights, fraction, parts, cubes) if walled else NO_WALLS
+    at_walls = None
     if walls.steep is not None:
         steep = walls.steep & (fraction > 0)
         wanted = (cubes.layer == 0) | (cubes.layer != _LEFT_OUT[layer])

@@ -11,8 +11,7 @@ from shapely.geometry.base import BaseGeometry
 
 from ...types import FloatArray
 from .flanks import Flanks
-from .profiles import normals_of
-from .rim import Rim
+from .rim import Rim, normals_of
 from .surface import AreaSurface
 
 __all__ = ["moved_to_toe", "on_flanks", "polygonal"]

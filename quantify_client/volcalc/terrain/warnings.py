@@ -58,12 +58,8 @@ def warnings_of(result: AreaResult, findings: Findings, *, compared: bool) -> It
     ----------
     compared : whether the result stands beside those on other bases.
     """
-    walls = _of_walls(*findings.at_wall)
-    piles = _of_piles(findings.on_pile, (result.volume_m3 or 0.0) < 0, result.std_m3 or 0.0)
-    # What concerns more of the outline comes first.
-    mostly_pile = findings.on_pile.share > findings.at_wall[0]
-    for of_outline in (piles, walls) if mostly_pile else (walls, piles):
-        yield from of_outline
+    pit, std = (result.volume_m3 or 0.0) < 0, result.std_m3 or 0.0
+    yield from _of_outline(findings, pit, std)
     yield from _of_crossings(findings, compared)
     yield from _of_layers(findings)
     if result.coverage is not None and result.coverage < FULL_SUPPORT:
@@ -100,8 +96,21 @@ def warnings_of(result: AreaResult, findings: Findings, *, compared: bool) -> It
         )
 
 
-def _of_piles(found: OnPile, pit: bool, std: float) -> Iterator[Notice]:
-    """Yield that the outline is on a pile, if that is more than the volume is uncertain by."""
+def _of_outline(findings: Findings, pit: bool, std: float) -> Iterator[Notice]:
+    """Yield that the outline is on something, first what concerns more of it."""
+    found = findings.on_pile
+    # Of a pile and of a step the step is told first.
+    told = [
+        (findings.at_wall[0], _of_walls(*findings.at_wall)),
+        (found.sloping, _of_pile(found, pit, std)),
+        (found.across, _of_others(found.across, pit)),
+    ]
+    for _, notices in sorted(told, key=lambda each: -each[0]):
+        yield from notices
+
+
+def _of_pile(found: OnPile, pit: bool, std: float) -> Iterator[Notice]:
+    """Yield that the outline is on the pile, if that is more than the volume is uncertain by."""
     what, end = ("pit", "edge") if pit else ("pile", "toe")
     if found.beyond > std:
         out_of_sight = math.isnan(found.toe)
@@ -115,13 +124,16 @@ def _of_piles(found: OnPile, pit: bool, std: float) -> Iterator[Notice]:
             height_m=found.height,
             toe_m=None if out_of_sight else found.toe,
         )
-    if found.across > _ON_PILE:
-        other = "another pit" if pit else "another pile, a bank or a wall"
+
+
+def _of_others(across: float, pit: bool) -> Iterator[Notice]:
+    if across > _ON_PILE:
+        other = "another pit" if pit else "another pile, a bank or plants"
         yield Notice(
             "outline-crosses-neighbour",
-            f"{found.across:.0%} of the outline lie on {other}, which is in the volume as far as "
+            f"{across:.0%} of the outline lie on {other}, which is in the volume as far as "
             "the outline goes; draw the outline between the two",
-            share=found.across,
+            share=across,
         )
 
 
@@ -130,8 +142,8 @@ def _of_walls(share: float, height: float) -> Iterator[Notice]:
         yield Notice(
             "outline-at-wall",
             f"{share:.0%} of the outline run along a wall or bank of about "
-            f"{height:.2g} m: the base comes from the ground along the rest; for a pit with "
-            "walls, draw the outline on the ground above them",
+            f"{height:.2g} m: the base comes from the ground along the rest; draw the outline on "
+            "the ground beyond it if it belongs to what is measured, as the walls of a pit do",
             share=share,
             height_m=height,
         )

@@ -1,0 +1,170 @@
+"""Single points along an outline: how high the terrain is there, and how rough.
+
+Cells say the mean of more than a cell around. A flank that ends within one is seen in points, and
+so is a wall that is thinner. Plants scatter, and let the ground be seen between them; the flank of
+a pile is as rough at its toe as further up.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage, stats
+from scipy.spatial import cKDTree
+
+from ...types import FloatArray, IntArray
+from .grid import CellWindow
+from .heights import UPPER
+from .histogram import Cubes
+from .rim import ALONG, Rim, along_rings, normals_of
+
+__all__ = ["OutlinePoints", "Strips", "corners"]
+
+#: Roughness is the scatter of points about the plane through so many.
+_NEAREST = 8
+
+#: The roughness within so many cells of the outline is held against that further inside.
+_EDGE, _DEEP = 1.0, (2.0, 6.0)
+
+#: Plants are at least twice as rough as the pile, and so much that chance makes it once in 1000.
+_ROUGHER, _CHANCE = 2.0, 1e-3
+
+_BOOLS = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class OutlinePoints:
+    """Points near the outline of an area, those on the surface around it; all (N,).
+
+    Attributes
+    ----------
+    window : the cells. rim : of the area.
+    x, y, z : metres.
+    count : how many there are in the same cube.
+    beside : number of the nearest point of the rim.
+    off : cells outwards of the outline, inwards below zero; inf at corners, where no normal says
+        what is outside.
+    """
+
+    window: CellWindow
+    rim: Rim
+    x: FloatArray
+    y: FloatArray
+    z: FloatArray
+    count: IntArray
+    beside: IntArray
+    off: FloatArray
+
+    @classmethod
+    def of(
+        cls, window: CellWindow, inside: _BOOLS, rim: Rim, cubes: Cubes, reach: tuple[float, float]
+    ) -> OutlinePoints:
+        """Return the points in cells near those along the outline.
+
+        Parameters
+        ----------
+        inside : (ny, nx) cells with a share in the area.
+        cubes : from `fit_cells`.
+        reach : cells inwards and outwards.
+        """
+        size, (inwards, outwards) = cubes.factor, reach
+        edge = inside & ~ndimage.binary_erosion(inside, np.ones((3, 3)))
+        reach_here = np.where(inside, inwards, outwards)
+        wanted = ndimage.distance_transform_edt(~edge) <= reach_here
+        column, row = cubes.column // size - window.first_x, cubes.row // size - window.first_y
+        # Around the area the lower one of two surfaces counts.
+        near = window.holds(row, column) & ~cubes.outlying & (cubes.layer != UPPER)
+        near[near] = wanted[row[near], column[near]]
+        some = cubes.select(near)
+        x, y = (np.asarray((v + 0.5) * cubes.cell) for v in (some.column, some.row))
+        z = np.asarray(some.bin * cubes.cell + some.inside / some.count * cubes.quantum)
+        _, beside = cKDTree(np.column_stack([rim.x, rim.y])).query(np.column_stack([x, y]))
+        east, north = normals_of(rim)
+        off = (x - rim.x[beside]) * east[beside] + (y - rim.y[beside]) * north[beside]
+        off[corners(rim)[beside]] = np.inf
+        return cls(window, rim, x, y, z, some.count, beside, off / window.cell)
+
+    def is_rough(self, stretch: IntArray) -> bool:
+        """Return whether the terrain along a stretch of the outline is rougher than the pile.
+
+        By the variances of single points about planes, inside of the outline (F test).
+
+        Parameters
+        ----------
+        stretch : numbers of its rim points.
+        """
+        inside, square = self._scatter
+        depth = -self.off[inside]
+        edge = (depth <= _EDGE) & np.isin(self.beside[inside], stretch)
+        deep = (depth >= _DEEP[0]) & (depth <= _DEEP[1])
+        if not edge.any() or not deep.any():
+            return False
+        # Three of the points of each plane are used up by it.
+        degrees = [np.count_nonzero(some) * (1.0 - 3.0 / _NEAREST) for some in (edge, deep)]
+        limit = max(_ROUGHER**2, float(stats.f.isf(_CHANCE, *degrees)))
+        return bool(square[edge].mean() > limit * square[deep].mean())
+
+    @cached_property
+    def _scatter(self) -> tuple[IntArray, FloatArray]:
+        """(K,) numbers of the points inside, and variances about the planes around them, cells2."""
+        inside = np.flatnonzero(self.off < 0)
+        if len(inside) < _NEAREST:
+            return inside[:0], np.empty(0)
+        x, y, z = (values[inside] / self.window.cell for values in (self.x, self.y, self.z))
+        places = np.column_stack([x, y])
+        _, nearest = cKDTree(places).query(places, _NEAREST)
+        dx, dy, dz = (values[nearest] - values[:, None] for values in (x, y, z))
+        terms = np.stack([np.ones_like(dx), dx, dy], axis=2)
+        # A little damping, for points on one line.
+        normal = np.einsum("nki,nkj->nij", terms, terms) + 1e-9 * np.eye(3)
+        plane = np.linalg.solve(normal, np.einsum("nki,nk->ni", terms, dz)[..., None])
+        off = dz - (terms @ plane)[..., 0]
+        return inside, (off**2).sum(axis=1) / (_NEAREST - 3.0)
+
+    def strips(self, width: float, number: int) -> Strips:
+        """Return mean heights in strips along the outline, outside of it.
+
+        Parameters
+        ----------
+        width : of each, in cells. number : of strips.
+        """
+        strip = np.floor(self.off / width)
+        some = (strip >= 0) & (strip < number)
+        place = self.beside[some] * number + strip[some].astype(np.int64)
+        level = float(self.z[some].mean()) if some.any() else 0.0
+        z, size = self.z[some] - level, len(self.rim.x) * number
+        count, total, square = (
+            np.bincount(place, weight, size).astype(np.float64).reshape(-1, number)
+            for weight in (None, z, z**2)
+        )
+        mean, of_squares = (along_rings(v, count, self.rim.part) for v in (total, square))
+        held = ALONG * along_rings(count, np.ones_like(count), self.rim.part)
+        # Typical of strips with enough points: a wall is in few of them.
+        free = held - 1.0
+        spread = (np.maximum(of_squares - mean**2, 0.0) * held / free)[free >= 2.0]
+        scatter = float(np.median(spread)) if len(spread) else np.inf
+        return Strips(mean, np.sqrt(scatter / np.maximum(held, 1e-9)))
+
+
+class Strips(NamedTuple):
+    """Heights in K strips beside each of M rim points, with their errors; both (M, K), metres.
+
+    NaN where there are no points.
+    """
+
+    heights: FloatArray
+    error: FloatArray
+
+
+def corners(rim: Rim) -> _BOOLS:
+    """Return at which rim points (M,) the outline turns by more than 45 degrees."""
+    normals, sharp = normals_of(rim), np.zeros(len(rim.x), dtype=bool)
+    for part in np.unique(rim.part):
+        ring = rim.part == part
+        turn = (normals[:, ring] * np.roll(normals[:, ring], 1, axis=1)).sum(axis=0)
+        sharp[ring] = turn < np.sqrt(0.5)
+    return sharp
