@@ -44,6 +44,9 @@ _GOES_ON, _STEEP = 0.5, 0.15
 #: How rough the terrain is is looked at so many cells inwards of the outline, and not outwards.
 _INWARDS = (7.0, 0.0)
 
+#: How high a step is is seen in so many cells around.
+_BESIDE = 9
+
 _BOOLS = npt.NDArray[np.bool_]
 
 
@@ -58,8 +61,7 @@ class OnPile(NamedTuple):
     across : share of the outline on what goes up outwards: another pile, a bank, plants.
     beyond : volume between the outline and the toe, if the flank is straight, or as far as it is
         seen, m3.
-    at_edge : share of the outline beside a step, and the height of the terrain over the ground
-        there, median, metres.
+    at_edge : share of the outline beside a step, and the height of that, median, metres.
     sloping : share of the outline on what goes down, but in no step.
     """
 
@@ -83,7 +85,7 @@ class Flanks(NamedTuple):
     rim : the points.
     above : (M,) height of the terrain over the ground at the outline; of pits the depth; metres.
     falls, rises : (M,) bool, on what goes down outwards, and on what goes up.
-    edges : (M,) bool, where either is steeper than loose material.
+    edges : (M,) height of what is steeper than loose material beside them, metres; 0 without.
     way : (M,) metres outwards to the toe of what falls; inwards, and negative, to the valley before
         what rises; as far as anything is seen, and 0 on the ground.
     seen : (M,) bool, where toe or valley are.
@@ -93,20 +95,20 @@ class Flanks(NamedTuple):
     above: FloatArray
     falls: _BOOLS
     rises: _BOOLS
-    edges: _BOOLS
+    edges: FloatArray
     way: FloatArray
     seen: _BOOLS
 
     def on_pile(self, ground_factor: float) -> OnPile:
         """Return which shares of the outline lie on a pile, and how far out its toe is."""
-        length, falls = self.rim.length, self.falls
+        length, falls, at_edge = self.rim.length, self.falls, self.edges > 0
         share, across, beside, sloping = (
             float(length[some].sum() / length.sum())
-            for some in (falls, self.rises, self.edges, falls & ~self.edges)
+            for some in (falls, self.rises, at_edge, falls & ~at_edge)
         )
-        at_edge = beside, float(np.median(self.above[self.edges])) if beside else 0.0
+        step = beside, float(np.median(self.edges[at_edge])) if beside else 0.0
         if not falls.any():
-            return OnPile(across=across, at_edge=at_edge)
+            return OnPile(across=across, at_edge=step)
         beyond = length * self.way * self.above
         toe = float(np.median(np.where(self.seen, self.way, np.inf)[falls]))
         return OnPile(
@@ -115,7 +117,7 @@ class Flanks(NamedTuple):
             toe if np.isfinite(toe) else np.nan,
             across,
             float(beyond[falls].sum()) / (2.0 * ground_factor),
-            at_edge,
+            step,
             sloping,
         )
 
@@ -229,7 +231,17 @@ def _over_predicted(
         return None
     valley, at_valley = _down(inner, limit)
     way = np.select([falls, rises], [toe, -valley]) * surface.heights.window.cell
-    return Flanks(rim, above, falls, rises, edges, way, np.where(rises, at_valley, ended))
+    beside = np.where(surface.inside, -np.inf, over)
+    tops = np.maximum(ndimage.maximum_filter(beside, _BESIDE)[_cells_of(surface, rim)], above)
+    return Flanks(
+        rim,
+        above,
+        falls,
+        rises,
+        np.where(edges, tops, 0.0),
+        way,
+        np.where(rises, at_valley, ended),
+    )
 
 
 def _at_edges(surface: AreaSurface, on: _BOOLS, sign: float) -> tuple[_BOOLS, _BOOLS]:
@@ -273,7 +285,11 @@ def _well_inside(surface: AreaSurface, rim: Rim, reach: int) -> Flanks | None:
     # Where the lowest is the last that is seen it may go on.
     seen &= way < reach - 1
     none: _BOOLS = np.zeros(len(falls), dtype=bool)
-    return Flanks(rim, above, falls, none, none, way * falls * cell, seen) if falls.any() else None
+    return (
+        Flanks(rim, above, falls, none, 0.0 * way, way * falls * cell, seen)
+        if falls.any()
+        else None
+    )
 
 
 def _near_ground(outwards: FloatArray, limit: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -357,9 +373,14 @@ def _is_other(
     inside[0] = 0.0
     other = (outside > inside) & (inside > 0)
     other[[0, int(inside.argmax())]] = False
-    places = surface.heights.window.in_cells(rim.x[stretch], rim.y[stretch])
-    column, row = (np.floor(v).astype(np.int64) for v in places)
-    return bool(ndimage.maximum_filter(other[label], 3)[row, column].any())
+    near = ndimage.maximum_filter(other[label], 3)
+    return bool(near[_cells_of(surface, rim)][stretch].any())
+
+
+def _cells_of(surface: AreaSurface, rim: Rim) -> tuple[IntArray, IntArray]:
+    """Return row and column of the cell of each rim point, (M,)."""
+    column, row = surface.heights.window.in_cells(rim.x, rim.y)
+    return np.floor(row).astype(np.int64), np.floor(column).astype(np.int64)
 
 
 def _goes_on(surface: AreaSurface, rim: Rim, ground: Ground, reach: int, limit: float) -> _BOOLS:
@@ -383,5 +404,5 @@ def _goes_on(surface: AreaSurface, rim: Rim, ground: Ground, reach: int, limit: 
     unseen = ndimage.binary_opening(outside & ~np.isfinite(over), np.ones((3, 3)))
     last = (away > reach - 1.5) | ndimage.binary_dilation(unseen, np.ones((7, 7)))
     far = (label > 0) & np.isin(label, label[last])
-    column, row = (np.floor(v).astype(np.int64) for v in window.in_cells(rim.x, rim.y))
-    return np.asarray(ndimage.binary_dilation(far, np.ones((3, 3)), iterations=2)[row, column])
+    near = ndimage.binary_dilation(far, np.ones((3, 3)), iterations=2)
+    return np.asarray(near[_cells_of(surface, rim)])

@@ -49,8 +49,8 @@ def beside_walls(surface: AreaSurface, ground: Ground) -> tuple[float, float]:
     near = ndimage.binary_dilation(inside, np.ones((3, 3)), iterations=_BESIDE) & ~inside
     over = np.full(window.shape, -np.inf)
     over[near] = surface.heights.z[near] - ground.heights_beyond(*window.middles(near))
-    wall = over > WALL_CELLS * window.cell
-    if not (wall & steep).any():
+    wall = steep & (over > WALL_CELLS * window.cell)
+    if not wall.any():
         return 0.0, 0.0
     edge = inside & ~ndimage.binary_erosion(inside, np.ones((3, 3)))
     walled = edge & (ndimage.distance_transform_edt(~wall) <= _BESIDE / 2.0)

@@ -21,7 +21,7 @@ from .heights import LOWER, UPPER, CellHeights, cell_heights, cell_window
 from .histogram import Cubes
 from .noise import Noise, measure_noise
 from .rim import Rim, require_plain_outline, sample_rim
-from .walls import NO_WALLS, Walls, find_walls, heights_at_walls
+from .walls import NO_WALLS, Walls, find_walls, heights_at_walls, steps_beside
 
 __all__ = ["AreaSurface", "CutFill", "find_surface"]
 
@@ -199,12 +199,13 @@ def find_surface(
     # The slopes of smoothed heights reach two cells further than the area.
     needed = ndimage.binary_dilation(fraction > 0, iterations=2)
     filled = fill_gaps(heights.z, reach, needed)
-    walls = find_walls(heights, fraction, parts, cubes) if walled else NO_WALLS
-    at_walls = None
+    walls, at_walls = NO_WALLS, None
+    if walled:
+        walls = find_walls(heights, fraction, steps_beside(heights, fraction, parts, cubes))
     if walls.steep is not None:
         steep = walls.steep & (fraction > 0)
         wanted = (cubes.layer == 0) | (cubes.layer != _LEFT_OUT[layer])
-        at_walls = heights_at_walls(polygon, cubes.select(wanted), heights.window, steep)
+        at_walls = heights_at_walls(polygon, cubes.select(wanted), heights.window, filled, steep)
     return AreaSurface(
         polygon,
         parts,

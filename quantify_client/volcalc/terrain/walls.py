@@ -18,7 +18,7 @@ import shapely
 from scipy import ndimage
 from shapely.geometry import MultiPoint, MultiPolygon, Polygon
 
-from ...types import FloatArray
+from ...types import FloatArray, IntArray
 from .grid import CellWindow
 from .heights import CellHeights
 from .histogram import Cubes
@@ -26,7 +26,15 @@ from .outline_points import OutlinePoints, corners
 from .rim import normals_of, sample_rim
 from .robust import MAD, SURE, robust_plane
 
-__all__ = ["NO_WALLS", "WALL_CELLS", "Walls", "find_walls", "heights_at_walls"]
+__all__ = [
+    "NO_WALLS",
+    "WALL_CELLS",
+    "Steps",
+    "Walls",
+    "find_walls",
+    "heights_at_walls",
+    "steps_beside",
+]
 
 #: Tangent of the steepest slope of loose material: the angle of repose is 25 to 40 degrees for
 #: sand, gravel and crushed rock (Carrigy 1970), and no more than 45 for any.
@@ -72,9 +80,7 @@ class Walls(NamedTuple):
     steep : (ny, nx) cells that are steeper than loose material; None without any.
     off : (ny, nx) cells that are no ground of the area: what is behind walls, other levels, and the
         walls themselves; None without any.
-    edges : (M,) at which rim points the terrain steps up or down within two cells outwards; None
-        for none.
-    before : (M,) those of them that have a wall before them: the terrain rises first.
+    edges, before : see `Steps`; None for none.
     """
 
     steep: _BOOLS | None = None
@@ -86,34 +92,59 @@ class Walls(NamedTuple):
 NO_WALLS = Walls()
 
 
-def find_walls(
-    heights: CellHeights, fraction: FloatArray, parts: Sequence[Polygon], cubes: Cubes
-) -> Walls:
+class Steps(NamedTuple):
+    """Steps beside an outline that single points show.
+
+    Attributes
+    ----------
+    edges : (M,) at which rim points the terrain steps up or down within two cells outwards.
+    before : (M,) those of them that have a wall before them: the terrain rises first.
+    lines : (ny, nx) cells outside of the area on the straight lines through walls.
+    """
+
+    edges: _BOOLS
+    before: _BOOLS
+    lines: _BOOLS
+
+
+def find_walls(heights: CellHeights, fraction: FloatArray, steps: Steps | None = None) -> Walls:
     """Return the walls around an area.
 
     Parameters
     ----------
     heights : of the cells of a window around it.
     fraction : (ny, nx) share of each cell inside the area.
-    parts : polygons of the area. cubes : from `fit_cells`.
+    steps : from `steps_beside`.
     """
     cell, inside = heights.window.cell, fraction > 0
-    steps = (np.abs(np.diff(heights.z, axis=axis)) for axis in (0, 1))
+    edges, before = (None, None) if steps is None else (steps.edges, steps.before)
+    walled = before is not None and bool(before.any())
+    rises = (np.abs(np.diff(heights.z, axis=axis)) for axis in (0, 1))
     # Unknown heights compare as lower; across gaps there is a step only if there is one elsewhere.
-    tall = any((step > _STEEPEST * cell).any() for step in steps)
-    edges, before, may_have = None, None, _may_have_walls(heights, inside)
-    rim = sample_rim(parts, heights, fraction) if may_have else None
-    if rim is not None:
-        points = OutlinePoints.of(heights.window, inside, rim, cubes, _NEAR)
-        at, edges, before = _edges(points)
-    if not tall and before is None:
-        return Walls(None, None, edges)
+    if not walled and not any((rise > _STEEPEST * cell).any() for rise in rises):
+        return Walls(None, None, edges, before)
     z = _closed(heights.z)
     steep = _steep(z, cell)
-    if before is not None:
-        steep |= _straight_on(points, at, before) & ~inside
+    if steps is not None:
+        steep |= steps.lines
     if not steep.any():
-        return Walls(None, None, edges)
+        return Walls(None, None, edges, before)
+    off = _cut_off(heights, z, inside, steep, SURE if walled else np.inf)
+    return Walls(steep, off if off.any() else None, edges, before)
+
+
+def _cut_off(
+    heights: CellHeights, z: FloatArray, inside: _BOOLS, steep: _BOOLS, deviations: float
+) -> _BOOLS:
+    """Return the cells that are no ground of the area: what steep ones cut off, and these.
+
+    Parameters
+    ----------
+    z : (ny, nx) heights with those of the nearest cells where there are none.
+    deviations : standard deviations of the ground about its plane that another piece of it may be
+        off, if they are less than a wall's height.
+    """
+    cell = heights.window.cell
     piece, number = ndimage.label(~steep & ~inside)
     away = ndimage.distance_transform_edt(~inside)
     touching, near = (
@@ -122,14 +153,14 @@ def find_walls(
     )
     touching[0] = near[0] = 0
     if not touching.any():
-        return Walls(steep, None, edges, before)
+        return np.zeros(z.shape, dtype=bool)
     main = int(touching.argmax())
     mostly = 2 * touching[main] > np.count_nonzero((away > 0) & (away <= 1.5))
     # Beyond the cloud pieces go on, but nothing is known of them there.
     seen = np.where(np.isfinite(heights.z), piece, 0)
     off_plane, scatter = _off_plane(z, seen == main)
     level = np.nan_to_num(ndimage.median(off_plane, seen, np.arange(number + 1)))
-    limit = WALL_CELLS * cell if before is None else min(SURE * scatter, WALL_CELLS * cell)
+    limit = min(deviations * scatter, WALL_CELLS * cell)
     # What begins below an outline that touches little ground may be the ground that it is on.
     lost = np.where((near > 0) & ~mostly, level, np.abs(level)) > limit
     lost[[0, main]] = False
@@ -141,35 +172,48 @@ def find_walls(
     off = lost[piece]
     close = ndimage.binary_dilation(off, np.ones((3, 3)), iterations=_BESIDE)
     off |= steep & ~inside & (close | (np.abs(off_plane) > WALL_CELLS * cell))
-    return Walls(steep, off if off.any() else None, edges, before)
+    return np.asarray(off)
 
 
-def _may_have_walls(heights: CellHeights, inside: _BOOLS) -> bool:
-    """Return whether cells near an outline, outside of it, leave room for a wall."""
+def steps_beside(
+    heights: CellHeights, fraction: FloatArray, parts: Sequence[Polygon], cubes: Cubes
+) -> Steps | None:
+    """Return the steps beside the outline of an area; None where cells leave no room for one.
+
+    Parameters
+    ----------
+    parts : polygons of the area. cubes : from `fit_cells`.
+    """
+    inside = fraction > 0
     near = ndimage.binary_dilation(inside, np.ones((3, 3)), iterations=_BESIDE) & ~inside
-    z = np.where(near, heights.z, np.nan)
-    steps = (np.abs(np.diff(z, axis=axis)) for axis in (0, 1))
-    return any((step > _HINT * heights.window.cell).any() for step in steps)
+    rises = (np.abs(np.diff(np.where(near, heights.z, np.nan), axis=axis)) for axis in (0, 1))
+    if not any((rise > _HINT * heights.window.cell).any() for rise in rises):
+        return None
+    rim = sample_rim(parts, heights, fraction)
+    if rim is None:
+        return None
+    points = OutlinePoints.of(heights.window, inside, rim, cubes, _NEAR)
+    at, edges, before = _edges(points)
+    return Steps(edges, before, _straight_on(points, at, before) & ~inside)
 
 
-def _edges(points: OutlinePoints) -> tuple[FloatArray, _BOOLS | None, _BOOLS | None]:
+def _edges(points: OutlinePoints) -> tuple[FloatArray, _BOOLS, _BOOLS]:
     """Return how far outwards of each rim point a step is (M,), cells, where there are, and walls.
 
     Within two cells the terrain steps up or down more steeply than loose material. Before a wall it
-    rises first over what it is at the outline. None where that is nowhere so for long.
+    rises first over what it is at the outline. Either is so for long, or not at all.
     """
     z, error = points.strips(_STRIP, _STRIPS)
     step = np.nan_to_num(np.abs(z[:, _STEP:] - z[:, :-_STEP]))
     sure = step - SURE * np.hypot(error[:, _STEP:], error[:, :-_STEP])
-    steep = (sure > _STEEPEST * _STEP * _STRIP * points.window.cell).any(axis=1)
+    edges = (sure > _STEEPEST * _STEP * _STRIP * points.window.cell).any(axis=1)
     up = (z - z[:, :1] > SURE * np.hypot(error, error[:, :1])).any(axis=1)
     at = (step.argmax(axis=1) + (_STEP + 1) / 2.0) * _STRIP
-    length, long = points.rim.length, []
-    for which in (steep, steep & up):
+    length, before = points.rim.length, edges & up
+    for which in (edges, before):
         for stretch in points.rim.stretches(which):
             which[stretch] = length[stretch].sum() >= _LEAST_SHARE * length.sum()
-        long.append(which if which.any() else None)
-    return np.asarray(at), long[0], long[1]
+    return np.asarray(at), edges, before
 
 
 def _straight_on(points: OutlinePoints, at: FloatArray, before: _BOOLS) -> _BOOLS:
@@ -205,16 +249,22 @@ def _reaches_over(inside: _BOOLS, piece: _BOOLS) -> bool:
 
 
 def heights_at_walls(
-    polygon: Polygon | MultiPolygon, cubes: Cubes, window: CellWindow, cells: _BOOLS
+    polygon: Polygon | MultiPolygon,
+    cubes: Cubes,
+    window: CellWindow,
+    filled: FloatArray,
+    cells: _BOOLS,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the mean heights of the points inside an area, of some cells, and their errors.
 
     Cells across a wall hold points of its top and its foot: how many of either is chance. Those
-    that the outline cuts hold points that are not inside.
+    that the outline cuts hold points that are not inside. Cells on an even slope are left out,
+    however steep it is: where it explains half of the variance of their points, or more.
 
     Parameters
     ----------
     cubes : from `fit_cells`.
+    filled : (ny, nx) heights with gaps closed, metres.
     cells : (ny, nx) which are wanted; the others, and those without points inside, are NaN.
     """
     column, row = (
@@ -223,20 +273,34 @@ def heights_at_walls(
     )
     near = window.holds(row, column) & ~cubes.outlying
     near[near] = cells[row[near], column[near]]
-    some = cubes.select(near)
+    some, flat = cubes.select(near), row[near] * window.nx + column[near]
     x, y = ((v + 0.5) * cubes.cell for v in (some.column, some.row))
-    inside = shapely.contains_xy(polygon, x, y)
-    some, flat = some.select(inside), (row[near] * window.nx + column[near])[inside]
-    size, foot = window.nx * window.ny, float(some.bin.min(initial=0)) * cubes.cell
+    foot = float(some.bin.min(initial=0)) * cubes.cell
     z = some.bin * cubes.cell - foot + some.inside / some.count * cubes.quantum
-    count, total, square = (
-        np.bincount(flat, weight, size).reshape(window.shape)
-        for weight in (np.ones(len(z)), z, z**2)
+    size = window.nx * window.ny
+    down, right = (np.nan_to_num(v).ravel()[flat] / window.cell for v in np.gradient(filled))
+    u, v = (
+        place - np.floor(place) - 0.5 for place in window.in_cells(np.asarray(x), np.asarray(y))
     )
-    known = count > 0
-    mean = np.divide(total, count, out=np.full(window.shape, np.nan), where=known)
-    spread = np.maximum(square / np.maximum(count, 1.0) - mean**2, 0.0)
-    return mean + foot, np.sqrt(spread / np.maximum(count, 1.0))
+    off_slope = z - (right * u + down * v) * window.cell
+    _, _, spread = _moments(flat, z, size)
+    _, _, uneven = _moments(flat, off_slope, size)
+    inside = shapely.contains_xy(polygon, x, y)
+    count, mean, own = _moments(flat[inside], z[inside], size)
+    step = (uneven > spread / 2.0) & (count > 0)
+    error = np.sqrt(own / np.maximum(count, 1.0))
+    return (
+        np.where(step, mean + foot, np.nan).reshape(window.shape),
+        np.where(step, error, np.nan).reshape(window.shape),
+    )
+
+
+def _moments(flat: IntArray, z: FloatArray, size: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return number, mean and variance of what is in each of so many cells, (size,)."""
+    count = np.bincount(flat, minlength=size).astype(np.float64)
+    total, square = (np.bincount(flat, values, size) for values in (z, z**2))
+    mean = total / np.maximum(count, 1.0)
+    return count, mean, np.maximum(square / np.maximum(count, 1.0) - mean**2, 0.0)
 
 
 def _off_plane(z: FloatArray, ground: _BOOLS) -> tuple[FloatArray, float]:
