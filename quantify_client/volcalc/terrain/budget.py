@@ -124,8 +124,18 @@ def _ground_error(weights: FloatArray, volume: CutFill, survey: FloatArray) -> F
         return np.asarray(surface.noise.independent * of_cells.sum(axis=1))
     x, y = surface.heights.window.middles(inside)
     departure = of_cells @ (volume.base.z[inside] - ground.heights(x, y))
-    finer = np.maximum(ground.unshared * (of_cells**2).sum(axis=1) - survey**2, 0.0)
+    square = (of_cells**2).sum(axis=1)
+    finer = _beyond_chance(ground.unshared * square - survey**2, ground.unshared_std * square)
     return np.asarray(np.sqrt(departure**2 + ground.errors(x, y, of_cells) ** 2 + finer))
+
+
+def _beyond_chance(excess: FloatArray, std: FloatArray) -> FloatArray:
+    """Return variances (K,) that are seen as an excess, drawn to zero as far as that may be chance.
+
+    By the positive-part rule (James and Stein 1961) for a single value.
+    """
+    shrunk = excess - np.divide(std**2, excess, out=np.full_like(excess, np.inf), where=excess > 0)
+    return np.maximum(shrunk, 0.0)
 
 
 def onto_measured(weights: FloatArray, surface: AreaSurface) -> FloatArray:

@@ -76,13 +76,15 @@ class Prediction:
     Attributes
     ----------
     mean : (T,) metres.
-    covariance : (K, K) of the errors of the first K, m2. unshared : variance of what is white, in
-        each cell: noise, and all that is finer than the blocks, m2.
+    covariance : (K, K) of the errors of the first K, m2.
+    unshared, unshared_std : variance of what is white, in each cell: noise, and all that is finer
+        than the blocks; and the standard deviation of that variance, m2.
     """
 
     mean: FloatArray
     covariance: FloatArray
     unshared: float
+    unshared_std: float
 
 
 class _Model(NamedTuple):
@@ -169,7 +171,7 @@ def predict_blocks(
     # The plane through the blocks, and what it gives at the wanted ones: coefficients (T, 3).
     through = np.linalg.solve(r[:3].T, _plane_terms(wanted, centre, extent).T).T
     trend = through @ (on_plane.T @ weighted)
-    means, weights, unshared = [], [], 0.0
+    means, weights, unshared, square = [], [], 0.0, 0.0
     first = Blocks(*(values[:joint] for values in wanted))
     covariance = np.zeros((len(first.x), len(first.x)))
     squares = np.sqrt(wanted.squares_to(known))
@@ -188,12 +190,17 @@ def predict_blocks(
         scaled = model.weight * model.scale
         covariance += scaled.sum() * error + (scaled @ model.ratio) * (plane @ plane.T)
         unshared += float(scaled @ model.ratio)
+        # The scale is inverse gamma, with two moments for more than four contrasts.
+        free = max(len(model.values) - 2.0, 3.0)
+        square += float(scaled @ (model.scale * model.ratio**2)) * free / (free - 2.0)
         covariance -= (share * (scaled / model.total).sum(axis=1)) @ share.T
     mean, weight = np.concatenate(means, axis=1), np.concatenate(weights)
     best = mean @ weight / weight.sum()
     apart = ((mean - best[:, None]) * np.sqrt(weight))[:joint]
     total = float(weight.sum())
-    return Prediction(best + level, (covariance + apart @ apart.T) / total, unshared / total)
+    unshared /= total
+    spread = float(np.sqrt(max(square / total - unshared**2, 0.0)))
+    return Prediction(best + level, (covariance + apart @ apart.T) / total, unshared, spread)
 
 
 def _plane_terms(blocks: Blocks, centre: tuple[float, float], extent: float) -> FloatArray:

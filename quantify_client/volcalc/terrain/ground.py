@@ -105,8 +105,8 @@ class Ground:
     mean : (T,) predicted heights, metres.
     covariance : (T, T) of their errors, m2.
     wide_lattice, wide_mean : the same over the area and what is near it, in larger squares.
-    unshared : variance of each cell's part that blocks of ground do not share, m2: white noise, and
-        all that is finer than the blocks.
+    unshared, unshared_std : variance of each cell's part that blocks of ground do not share (white
+        noise, and all that is finer than the blocks), and the standard deviation of that, m2.
     relief : RMS of the ground's heights around the area about a plane, beyond noise, metres; 0
         where it is less than the noise of a cell.
     """
@@ -117,6 +117,7 @@ class Ground:
     wide_lattice: _Lattice
     wide_mean: FloatArray
     unshared: float
+    unshared_std: float
     relief: float
 
     def shifted(self, east: float, north: float) -> Ground:
@@ -187,7 +188,8 @@ def find_ground(
     )
     mean, wide_mean = np.split(found.mean, [count])
     relief = _relief(known, found.unshared)
-    return Ground(lattice, mean, found.covariance, wide, wide_mean, found.unshared, relief)
+    white = found.unshared, found.unshared_std
+    return Ground(lattice, mean, found.covariance, wide, wide_mean, *white, relief)
 
 
 def _relief(known: GroundBlocks, unshared: float) -> float:
