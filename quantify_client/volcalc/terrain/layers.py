@@ -49,6 +49,15 @@ _ALPHA = 0.05
 #: would; a box that is no wider than a cell 0.35.
 _MIXED = 0.5
 
+#: Cells with a gap that fill squares of so many a side are no single wall, which is in one cell
+#: beside another. By the same formula the walls of boxes as wide as a cell, two through each, make
+#: so much of the nearest points of the other layer, over the square root of the points in a cell.
+_THICK, _TWO_WALLS = 2, 2.0 / math.pi
+
+#: The variance of how many points of both layers have one of the other as their nearest, over that
+#: of so many independent ones: of 0.62 points at random the nearest has them as its own nearest.
+_PAIRS = 1.62
+
 #: Nearest points that are as near as each other, at most: eight around one, and itself.
 _NEAREST = 9
 
@@ -151,6 +160,8 @@ class _Seen:
     every, points : (C,) cubes in the 5 x 5 cells around each of these; those of the rarer layer.
     mixed : (C,) of them, those whose nearest is of the other layer; less than one for one that has
         several as near.
+    others : (M,) whether the nearest is of the other layer, a share where several are; NaN for
+        those that are not near any gap.
     """
 
     cubes: Cubes
@@ -161,6 +172,7 @@ class _Seen:
     every: FloatArray
     points: FloatArray
     mixed: FloatArray
+    others: FloatArray
 
     @property
     def share(self) -> FloatArray:
@@ -183,17 +195,35 @@ class _Seen:
         rarer = np.argmin(number, axis=0)[None]
         points, mixed = (np.take_along_axis(each, rarer, 0)[0] for each in (number, unlike))
         every = number.sum(axis=0)
-        return cls(cubes, flat, window, upper, found, every, points, mixed)
+        return cls(cubes, flat, window, upper, found, every, points, mixed, others)
 
     def surely_two(self) -> _BOOLS:
         """Return the cells with a gap that no wall, no box and no outliers explain, (ny, nx)."""
-        # The chance of so many or more of a binomial number; with ties it need not be whole.
-        chance, some = np.ones(len(self.points)), self.mixed > 0
-        some &= self.points >= LAYER_SHARE * self.every
-        chance[some] = special.betainc(
-            self.mixed[some], (self.points - self.mixed + 1.0)[some], self.share[some]
+        enough = self.points >= LAYER_SHARE * self.every
+        chance = _chance(np.where(enough, self.mixed, 0.0), self.points, self.share)
+        return self._cells(chance * len(chance) < _ALPHA) | self._surely_thick()
+
+    def _surely_thick(self) -> _BOOLS:
+        """Return regions of cells with a gap that are wider than walls and mixed more, (ny, nx).
+
+        Small crowns have too few points in squares of 5 x 5 cells, most of which is beside them;
+        all of the area together tell whether there are any.
+        """
+        thick = ndimage.binary_opening(self.found, np.ones((_THICK, _THICK)))
+        region, number = ndimage.label(thick)
+        of_cube = np.where(np.isfinite(self.others), region.ravel()[self.flat], 0)
+        points, mixed = (
+            np.bincount(of_cube, weight, number + 1)[1:]
+            for weight in (np.ones(len(of_cube)), np.nan_to_num(self.others))
         )
-        return self._cells(chance * len(chance) < _ALPHA)
+        in_cell = points / np.bincount(region.ravel(), minlength=number + 1)[1:]
+        share = np.minimum(_TWO_WALLS / np.sqrt(np.maximum(in_cell, 1.0)), 1.0)
+        # Of each two points the nearest of one says little more than that of the other.
+        every = np.array([mixed.sum(), points.sum(), points @ share]) / _PAIRS
+        likely = mixed > share * points
+        if not likely.any() or _chance(every[:1], every[1:2], every[2:] / every[1]) > _ALPHA:
+            likely &= False
+        return np.asarray(np.append(False, likely)[region])
 
     def reached_from(self, sure: _BOOLS) -> _BOOLS:
         """Return the cells with two surfaces, (ny, nx).
@@ -204,7 +234,7 @@ class _Seen:
         """
         likely = self._cells(self.mixed > self.share * self.points)
         number, _ = ndimage.label(likely, _SQUARE)
-        region = likely & np.isin(number, number[sure & likely])
+        region = sure | (likely & np.isin(number, number[sure & likely]))
         return np.asarray(ndimage.binary_closing(region, _SQUARE))
 
     def levels(self) -> FloatArray:
@@ -225,6 +255,13 @@ class _Seen:
         cells = np.zeros(self.found.shape, dtype=bool)
         cells[self.found] = which
         return cells
+
+
+def _chance(mixed: FloatArray, points: FloatArray, share: FloatArray) -> FloatArray:
+    """Return the chance of so many or more of a binomial number; with ties it need not be whole."""
+    chance, some = np.ones(len(points)), mixed > 0
+    chance[some] = special.betainc(mixed[some], (points - mixed + 1.0)[some], share[some])
+    return chance
 
 
 def _continues(near: Cubes, flat: IntArray, seen: _Seen, sure: _BOOLS) -> _BOOLS:

@@ -61,7 +61,6 @@ def warnings_of(result: AreaResult, findings: Findings, *, compared: bool) -> It
     pit, std = (result.volume_m3 or 0.0) < 0, result.std_m3 or 0.0
     yield from _of_outline(findings, pit, std)
     yield from _of_crossings(findings, compared)
-    yield from _of_layers(findings)
     if result.coverage is not None and result.coverage < FULL_SUPPORT:
         yield Notice(
             "gaps-interpolated",
@@ -97,13 +96,14 @@ def warnings_of(result: AreaResult, findings: Findings, *, compared: bool) -> It
 
 
 def _of_outline(findings: Findings, pit: bool, std: float) -> Iterator[Notice]:
-    """Yield that the outline is on something, first what concerns more of it."""
+    """Yield what the outline is on, and two surfaces, first what concerns more."""
     found = findings.on_pile
     # Of a pile and of a step the step is told first.
     told = [
         (findings.at_wall[0], _of_walls(*findings.at_wall)),
         (found.sloping, _of_pile(found, pit, std)),
         (found.across, _of_others(found.across, pit)),
+        (findings.layers.share, _of_layers(findings)),
     ]
     for _, notices in sorted(told, key=lambda each: -each[0]):
         yield from notices
