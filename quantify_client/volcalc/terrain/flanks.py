@@ -15,6 +15,7 @@ from scipy import ndimage
 
 from ...types import FloatArray, IntArray
 from .ground import Ground
+from .ground_blocks import FLANK
 from .histogram import Cubes
 from .outline_points import OutlinePoints
 from .profiles import STRIP, at_outline, at_walls, ground_limit, outwards_of, raw_outwards
@@ -22,7 +23,10 @@ from .rim import Rim
 from .robust import MAD, SURE
 from .surface import AreaSurface
 
-__all__ = ["NOT_ON_PILE", "Flanks", "OnPile", "find_flanks"]
+__all__ = ["NOT_ON_PILE", "Flanks", "OnPile", "find_flanks", "standing"]
+
+#: With more than this share of the outline on another pile that is told.
+_LEAST_SHARE = 0.05
 
 #: What goes up by a quarter of its height is something else; a dam that goes on does not.
 _RISE = 1.25
@@ -49,6 +53,8 @@ _BESIDE = 9
 
 _BOOLS = npt.NDArray[np.bool_]
 
+_SQUARE = np.ones((3, 3))
+
 
 class OnPile(NamedTuple):
     """Stretches of an outline that lie above the ground (for pits: below).
@@ -72,6 +78,15 @@ class OnPile(NamedTuple):
     beyond: float = 0.0
     at_edge: tuple[float, float] = (0.0, 0.0)
     sloping: float = 0.0
+
+    def is_beyond(self, std: float) -> bool:
+        """Return whether more of the pile is beyond the outline than the volume is uncertain by."""
+        return self.beyond > std
+
+    @property
+    def is_across(self) -> bool:
+        """Whether the outline is on something else."""
+        return self.across > _LEAST_SHARE
 
 
 NOT_ON_PILE = OnPile()
@@ -352,6 +367,25 @@ def _over_ground(surface: AreaSurface, ground: Ground, reach: int) -> FloatArray
     return np.asarray(np.nan_to_num(over))
 
 
+def standing(surface: AreaSurface, ground: Ground, flanks: Flanks, reach: int) -> _BOOLS:
+    """Return which cells outside of the area are on what stands at its outline, (ny, nx).
+
+    They are off the ground, and lead from cell to cell to where the outline is on a pile or on
+    another one; and as many more as a flank of 1 : 2 needs to the ground.
+    """
+    limit = float(np.median(ground_limit(flanks.rim, ground)))
+    off = (np.abs(_over_ground(surface, ground, reach)) > limit) & ~surface.inside
+    label, _ = ndimage.label(off, _SQUARE)
+    at_outline: _BOOLS = np.zeros(off.shape, dtype=bool)
+    on = flanks.falls | flanks.rises
+    row, column = _cells_of(surface, flanks.rim)
+    at_outline[row[on], column[on]] = True
+    reached = label[ndimage.binary_dilation(at_outline, _SQUARE)]
+    found = np.isin(label, reached[reached > 0])
+    more = int(np.ceil(limit / (FLANK * surface.heights.window.cell)))
+    return np.asarray(ndimage.binary_dilation(found, _SQUARE, iterations=more) & ~surface.inside)
+
+
 def _is_other(
     surface: AreaSurface, rim: Rim, over: FloatArray, stretch: IntArray, level: float
 ) -> bool:
@@ -365,7 +399,7 @@ def _is_other(
     over : (ny, nx) heights over the ground; of pits turned over.
     stretch : numbers of its rim points. level : metres over the ground.
     """
-    label, number = ndimage.label(over > level, np.ones((3, 3)))
+    label, number = ndimage.label(over > level, _SQUARE)
     inside, outside = (
         np.bincount(label[some], over[some], number + 1)
         for some in (surface.inside, ~surface.inside)
@@ -400,9 +434,9 @@ def _goes_on(surface: AreaSurface, rim: Rim, ground: Ground, reach: int, limit: 
     if surface.walls.off is not None and limit > 0:
         outside &= ~surface.walls.off
     over[outside] = surface.heights.z[outside] - ground.heights_beyond(*window.middles(outside))
-    label, _ = ndimage.label(over > limit if limit > 0 else over < limit, np.ones((3, 3)))
-    unseen = ndimage.binary_opening(outside & ~np.isfinite(over), np.ones((3, 3)))
+    label, _ = ndimage.label(over > limit if limit > 0 else over < limit, _SQUARE)
+    unseen = ndimage.binary_opening(outside & ~np.isfinite(over), _SQUARE)
     last = (away > reach - 1.5) | ndimage.binary_dilation(unseen, np.ones((7, 7)))
     far = (label > 0) & np.isin(label, label[last])
-    near = ndimage.binary_dilation(far, np.ones((3, 3)), iterations=2)
+    near = ndimage.binary_dilation(far, _SQUARE, iterations=2)
     return np.asarray(near[_cells_of(surface, rim)])

@@ -18,7 +18,7 @@ from .covariance import Blocks
 from .heights import POINTS_PER_CELL, CellHeights
 from .robust import TUKEY, robust_plane
 
-__all__ = ["GroundBlocks", "block_size", "ground_blocks"]
+__all__ = ["FLANK", "GroundBlocks", "block_size", "ground_blocks"]
 
 #: The side of the finest blocks, in widths of the area (four areas over perimeter, the side of a
 #: square).
@@ -46,7 +46,7 @@ _OBJECT_SHARE = 0.3
 
 #: Tangent of the slope at which the flank of an object leaves the ground: the angle of repose of
 #: loose material is 30 to 40 degrees, and what is flatter is left out further out than needed.
-_FLANK = 0.5
+FLANK = 0.5
 
 #: Scatter of the ground, at least, in sides of a square: no survey is as smooth.
 _LEAST_SCATTER = 1.0 / 1024.0
@@ -209,7 +209,7 @@ def _without_objects(points: _Points, squares: _Squares) -> _Points:
     share = squares.total(at, points.cells * outlying) / np.maximum(
         squares.total(at, points.cells), 1e-9
     )
-    near = squares.distance_to(share > _OBJECT_SHARE) <= limit / _FLANK
+    near = squares.distance_to(share > _OBJECT_SHARE) <= limit / FLANK
     return points.only(~outlying & ~near[at])
 
 

@@ -17,7 +17,7 @@ from ...types import AreaResult, BudgetItem, FloatArray, Relief
 from .accumulate import AreaPoints
 from .base import BASES, KRIGED, make_base
 from .budget import error_budget, standard_deviations
-from .flanks import NOT_ON_PILE, Flanks, find_flanks
+from .flanks import NOT_ON_PILE, Flanks, find_flanks, standing
 from .ground import Ground, find_ground
 from .integrate import above_mask, integrate_slices, slab_edges
 from .layers import NO_LAYERS, Layers
@@ -248,14 +248,13 @@ def _ground(surface: AreaSurface, points: AreaPoints) -> tuple[Ground | None, Fl
     flanks = None if ground is None else find_flanks(surface, ground, points.cubes, _BEYOND)
     if ground is None or flanks is None:
         return ground, flanks
+    told = flanks.on_pile(1.0)
     places = surface.heights.window.middles(surface.inside)
-    std = ground.errors(*places, surface.a[None, surface.inside])[0]
-    if flanks.on_pile(1.0).beyond <= std:
-        # Less than the base is uncertain by anyway.
-        return ground, flanks
-    # The flank between outline and toe is no ground.
-    off = on_flanks(surface, flanks)
-    ground = found(off if surface.walls.off is None else off | surface.walls.off)
+    std = float(ground.errors(*places, surface.a[None, surface.inside])[0])
+    if told.is_beyond(std) or told.is_across:
+        # What stands at the outline is no ground.
+        off = on_flanks(surface, flanks) | standing(surface, ground, flanks, _BEYOND)
+        ground = found(off if surface.walls.off is None else off | surface.walls.off)
     return ground, flanks
 
 

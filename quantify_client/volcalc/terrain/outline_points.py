@@ -32,6 +32,7 @@ _EDGE, _DEEP = 1.0, (2.0, 6.0)
 
 #: Plants are at least twice as rough as the pile, and so much that chance makes it once in 1000.
 _ROUGHER, _CHANCE = 2.0, 1e-3
+_MOST = 400
 
 _BOOLS = npt.NDArray[np.bool_]
 
@@ -97,33 +98,37 @@ class OutlinePoints:
         ----------
         stretch : numbers of its rim points.
         """
-        inside, square = self._scatter
-        depth = -self.off[inside]
-        edge = (depth <= _EDGE) & np.isin(self.beside[inside], stretch)
-        deep = (depth >= _DEEP[0]) & (depth <= _DEEP[1])
-        if not edge.any() or not deep.any():
+        depth = -self.off
+        edge = (depth > 0) & (depth <= _EDGE) & np.isin(self.beside, stretch)
+        deep = np.flatnonzero((depth >= _DEEP[0]) & (depth <= _DEEP[1]))
+        # Enough to tell a variance to a few percent.
+        deep = deep[:: 1 + len(deep) // _MOST]
+        if not edge.any() or not len(deep) or np.count_nonzero(depth > 0) < _NEAREST:
             return False
+        variances = [self._variances(some) for some in (np.flatnonzero(edge), deep)]
         # Three of the points of each plane are used up by it.
-        degrees = [np.count_nonzero(some) * (1.0 - 3.0 / _NEAREST) for some in (edge, deep)]
+        degrees = [len(each) * (1.0 - 3.0 / _NEAREST) for each in variances]
         limit = max(_ROUGHER**2, float(stats.f.isf(_CHANCE, *degrees)))
-        return bool(square[edge].mean() > limit * square[deep].mean())
+        return bool(variances[0].mean() > limit * variances[1].mean())
 
     @cached_property
-    def _scatter(self) -> tuple[IntArray, FloatArray]:
-        """(K,) numbers of the points inside, and variances about the planes around them, cells2."""
-        inside = np.flatnonzero(self.off < 0)
-        if len(inside) < _NEAREST:
-            return inside[:0], np.empty(0)
-        x, y, z = (values[inside] / self.window.cell for values in (self.x, self.y, self.z))
-        places = np.column_stack([x, y])
-        _, nearest = cKDTree(places).query(places, _NEAREST)
-        dx, dy, dz = (values[nearest] - values[:, None] for values in (x, y, z))
+    def _inside(self) -> tuple[FloatArray, cKDTree]:
+        """Points inside, (K, 3) in cells, and the tree of their places."""
+        xyz = np.column_stack([self.x, self.y, self.z])[self.off < 0] / self.window.cell
+        return xyz, cKDTree(xyz[:, :2])
+
+    def _variances(self, some: IntArray) -> FloatArray:
+        """Return the variances about the planes around some points inside, (S,) in cells2."""
+        xyz, tree = self._inside
+        places = np.column_stack([self.x[some], self.y[some]]) / self.window.cell
+        _, nearest = tree.query(places, _NEAREST)
+        dx, dy, dz = np.moveaxis(xyz[nearest] - xyz[nearest[:, :1]], 2, 0)
         terms = np.stack([np.ones_like(dx), dx, dy], axis=2)
         # A little damping, for points on one line.
         normal = np.einsum("nki,nkj->nij", terms, terms) + 1e-9 * np.eye(3)
         plane = np.linalg.solve(normal, np.einsum("nki,nk->ni", terms, dz)[..., None])
         off = dz - (terms @ plane)[..., 0]
-        return inside, (off**2).sum(axis=1) / (_NEAREST - 3.0)
+        return np.asarray((off**2).sum(axis=1) / (_NEAREST - 3.0))
 
     def strips(self, width: float, number: int) -> Strips:
         """Return mean heights in strips along the outline, outside of it.

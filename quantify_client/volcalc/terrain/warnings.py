@@ -17,8 +17,8 @@ __all__ = ["OUTLINE_ON_PILE", "Findings", "warnings_of"]
 #: The codes of warnings after which another outline is proposed.
 OUTLINE_ON_PILE = frozenset({"outline-on-pile", "outline-crosses-neighbour"})
 
-#: Above this share of the outline on another pile there is a warning.
-_ON_PILE = 0.05
+#: Above this share of the outline beside a wall there is a warning.
+_AT_WALL = 0.05
 
 #: There is a warning where the standard deviation of the base is more than this share of cut and
 #: fill.
@@ -102,7 +102,7 @@ def _of_outline(findings: Findings, pit: bool, std: float) -> Iterator[Notice]:
     told = [
         (findings.at_wall[0], _of_walls(*findings.at_wall)),
         (found.sloping, _of_pile(found, pit, std)),
-        (found.across, _of_others(found.across, pit)),
+        (found.across, _of_others(found, pit)),
         (findings.layers.share, _of_layers(findings)),
     ]
     for _, notices in sorted(told, key=lambda each: -each[0]):
@@ -112,7 +112,7 @@ def _of_outline(findings: Findings, pit: bool, std: float) -> Iterator[Notice]:
 def _of_pile(found: OnPile, pit: bool, std: float) -> Iterator[Notice]:
     """Yield that the outline is on the pile, if that is more than the volume is uncertain by."""
     what, end = ("pit", "edge") if pit else ("pile", "toe")
-    if found.beyond > std:
+    if found.is_beyond(std):
         out_of_sight = math.isnan(found.toe)
         far = "out of sight" if out_of_sight else f"about {found.toe:.2g} m further out"
         yield Notice(
@@ -126,19 +126,19 @@ def _of_pile(found: OnPile, pit: bool, std: float) -> Iterator[Notice]:
         )
 
 
-def _of_others(across: float, pit: bool) -> Iterator[Notice]:
-    if across > _ON_PILE:
+def _of_others(found: OnPile, pit: bool) -> Iterator[Notice]:
+    if found.is_across:
         other = "another pit" if pit else "another pile, a bank or plants"
         yield Notice(
             "outline-crosses-neighbour",
-            f"{across:.0%} of the outline lie on {other}, which is in the volume as far as "
+            f"{found.across:.0%} of the outline lie on {other}, which is in the volume as far as "
             "the outline goes; draw the outline between the two",
-            share=across,
+            share=found.across,
         )
 
 
 def _of_walls(share: float, height: float) -> Iterator[Notice]:
-    if share > _ON_PILE:
+    if share > _AT_WALL:
         yield Notice(
             "outline-at-wall",
             f"{share:.0%} of the outline run along a wall or bank of about "
