@@ -159,3 +159,20 @@ def test_errors_are_as_large_as_they_are_said_to_be(smoothness):
         error = weights @ (found.mean - heights[60:])
         z.append(error / np.sqrt(weights @ found.covariance @ weights))
     assert 0.8 < float(np.sqrt(np.mean(np.square(z)))) < 1.2
+
+
+def test_the_white_variance_is_known_as_well_as_so_many_blocks_tell():
+    """A plane and white noise alone: the variance of N - 3 contrasts, to sqrt(2 / (N - 3))."""
+    rng = np.random.default_rng(4)
+    places = squares(*rng.uniform(-20, 20, (2, 90)), 1.0)
+    variances, stds = [], []
+    for _ in range(40):
+        z = LEVEL + 0.1 * places.x + rng.normal(0, 0.05, 90)
+        found = predict_blocks(places, z, np.ones(90), squares([0.0], [0.0], 1.0), 1.0, 40.0)
+        variances.append(found.unshared)
+        stds.append(found.unshared_std)
+    assert np.mean(variances) == pytest.approx(0.05**2, rel=0.2)
+    # Part of it may be shared by blocks: it is known no better than that, and not much worse.
+    assert 0.05**2 * np.sqrt(2 / 87) < np.std(variances) < 0.05**2 / 2
+    # Of one survey it is not known that nothing is shared: it says more, up to twice as much.
+    assert np.std(variances) < np.sqrt(np.mean(np.square(stds))) < 2.5 * np.std(variances)

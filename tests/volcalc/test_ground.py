@@ -7,6 +7,7 @@ import pytest
 from scipy import ndimage
 from shapely.geometry import MultiPolygon, Point, Polygon, box
 
+from quantify_client.volcalc.terrain.budget import _beyond_chance
 from quantify_client.volcalc.terrain.grid import cell_parts
 from quantify_client.volcalc.terrain.ground import find_ground
 from quantify_client.volcalc.terrain.ground_blocks import block_size, ground_blocks
@@ -163,3 +164,9 @@ def test_a_shifted_ground_is_the_same_elsewhere():
     x, y = window.middles(fraction > 0)
     moved = ground.shifted(3.0, -2.0)
     np.testing.assert_allclose(moved.heights(x + 3, y - 2), ground.heights(x, y), atol=1e-9)
+
+
+def test_what_chance_makes_of_an_excess_is_taken_off():
+    """By hand: x - s^2 / x where that is positive (James and Stein 1961), 0 elsewhere."""
+    found = _beyond_chance(np.array([3.0, 0.5, -1.0, 4.0]), np.array([1.0, 1.0, 1.0, 0.0]))
+    np.testing.assert_allclose(found, [3.0 - 1.0 / 3.0, 0.0, 0.0, 4.0])

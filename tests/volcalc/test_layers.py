@@ -246,3 +246,24 @@ def test_an_area_of_a_few_points_has_no_layers():
     x, y = places(60)
     polygon, points = points_of(x, y, np.where(x > 0, 5.0, 0.0), Polygon(YARD.exterior))
     assert found_in(polygon, points)[1] == NO_LAYERS
+
+
+def test_small_crowns_are_told_by_all_of_them_together():
+    """Eight of 1.4 m, in cells of 0.7 m: a square of 5 x 5 cells around each is mostly ground."""
+    x, y = places(16_000, half=16.0)
+    centres = [(east, north) for east in (-4.0, 0.0, 4.0) for north in (-4.0, 0.0, 4.0)][:8]
+
+    def crown(x, y):
+        return np.min([np.hypot(x - e, y - n) for e, n in centres], axis=0) < 1.4
+
+    (notice,) = told(result(x, y, crowned(x, y, 0.5, crown=crown)))
+    # Of all cells that have a part of one.
+    assert 8 * np.pi * 1.4**2 / 144 < notice.values["share"] < 8 * np.pi * 2.2**2 / 144
+    assert notice.values["apart_m"] == pytest.approx(3.0, abs=0.1)
+
+
+def test_walls_thinner_than_a_cell_are_no_crowns():
+    """A grid of walls of 0.3 m, 3 m high, in cells of 0.7 m."""
+    x, y = places(16_000, half=16.0)
+    z = 3.0 * ((np.abs(x % 4 - 2) < 0.15) | (np.abs(y % 6 - 3) < 0.15))
+    assert not told(result(x, y, z + np.random.default_rng(3).normal(0, 0.01, len(x))))

@@ -111,3 +111,22 @@ def test_points_and_lines_are_no_outline():
     mixed = GeometryCollection([box(0, 0, 1, 1), Point(5, 5), LineString([(0, 0), (9, 9)])])
     assert polygonal(mixed).equals(box(0, 0, 1, 1))
     assert polygonal(Point(1, 1)).is_empty
+
+
+def test_what_stands_at_an_outline_does_not_lift_the_base():
+    """A pile between others on two sides, cut along the saddles: the ground is that of the rest."""
+    others = [(10.5, 0.0), (0.0, 10.5), (10.5, 10.5)]
+
+    def four(x, y):
+        near = [cone(x - east, y - north, radius=7.0, top=4.0) for east, north in others]
+        return np.max([cone(x, y, radius=7.0, top=4.0), *near], axis=0)
+
+    outline = circle(7.6).intersection(box(-10, -10, 5.25, 5.25))
+    result = measured(four, outline, relief=0.02, seed=2)
+    x = np.linspace(-7, 5.25, 4001)
+    u, v = np.meshgrid(x, x)
+    volume = float(cone(u, v, radius=7.0, top=4.0).mean()) * 12.25**2
+    assert result.warnings[0].code == "outline-crosses-neighbour"
+    assert result.volume_m3 == pytest.approx(volume, rel=0.015)
+    low, high = result.interval95_m3
+    assert low < volume < high

@@ -135,7 +135,7 @@ def _beyond_chance(excess: FloatArray, std: FloatArray) -> FloatArray:
     By the positive-part rule (James and Stein 1961) for a single value.
     """
     shrunk = excess - np.divide(std**2, excess, out=np.full_like(excess, np.inf), where=excess > 0)
-    return np.maximum(shrunk, 0.0)
+    return np.asarray(np.maximum(shrunk, 0.0))
 
 
 def onto_measured(weights: FloatArray, surface: AreaSurface) -> FloatArray:

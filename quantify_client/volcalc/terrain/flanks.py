@@ -164,6 +164,7 @@ class _Profile(NamedTuple):
     outer, inner : (M, K) at 0, 1 .. K - 1 cells outwards and inwards, metres.
     limit, general : (M,) up to which it is the ground: by what is near, and by what was predicted.
     on : (M,) bool, where something stands at the outline.
+    slope : (M,) tangent of the flank inside, where it is steepest.
     """
 
     sign: float
@@ -173,6 +174,7 @@ class _Profile(NamedTuple):
     limit: FloatArray
     general: FloatArray
     on: _BOOLS
+    slope: FloatArray
 
 
 def _profile(
@@ -197,7 +199,8 @@ def _profile(
     # With its toe at the outline a flank of this slope would be so high in the strip, on average.
     slope = np.nan_to_num(np.diff(inner[:, _FLANK_CELLS], axis=1)).max(axis=1, initial=0.0)
     on = np.maximum(beside, above - slope * STRIP / 4.0) > np.hypot(limit, SURE * error)
-    return _Profile(sign, above, outer, inner, limit, general, on)
+    slope = slope / surface.heights.window.cell
+    return _Profile(sign, above, outer, inner, limit, general, on, slope)
 
 
 def _over_predicted(
@@ -205,7 +208,7 @@ def _over_predicted(
 ) -> Flanks | None:
     """Return what stands along the outline over the predicted ground; None where nothing does."""
     steps = np.arange(reach + 1)
-    sign, above, outwards, inwards, limit, general, on = _profile(
+    sign, above, outwards, inwards, limit, general, on, slope = _profile(
         surface, rim, ground, cubes, steps
     )
     if not on.any():
@@ -236,7 +239,8 @@ def _over_predicted(
         # Bushes, a bank: lower a cell further inside.
         lower_inside = np.nan_to_num(outwards[:, 0] - limit - inner[:, 1])[stretch]
         ridge = np.median(lower_inside) > 0 and not goes_on[stretch].any()
-        if ridge or _is_other(surface, rim, over, stretch, half) or points.is_rough(stretch):
+        other = ridge or _is_other(surface, rim, over, stretch, half)
+        if other or points.is_rough(stretch, float(slope[stretch].max())):
             rises[stretch] = True
     rises &= ~walled
     # What stays as high has no toe, and on a saddle it is beside the outline.
@@ -275,9 +279,12 @@ def _well_inside(surface: AreaSurface, rim: Rim, reach: int) -> Flanks | None:
     """Return the flanks along an outline so far inside of a pile, or pit, that no ground is near.
 
     None unless the terrain goes on outwards, along most of the outline, at half or more of the
-    slope inside, and that is steep. No ground is predicted from such surroundings: heights are
-    those over the lowest outwards of each point (of pits, over the highest).
+    slope inside, and that is steep, and no step. No ground is predicted from such surroundings:
+    heights are those over the lowest outwards of each point (of pits, over the highest).
     """
+    edges = surface.walls.edges
+    if edges is not None and 2.0 * rim.length[edges].sum() >= rim.length.sum():
+        return None
     both = raw_outwards(surface, rim, np.arange(-reach, reach + 1))
     outer, inner = both[:, reach:], both[:, reach::-1]
     apart = _GROUND_CELLS.start
@@ -300,11 +307,9 @@ def _well_inside(surface: AreaSurface, rim: Rim, reach: int) -> Flanks | None:
     # Where the lowest is the last that is seen it may go on.
     seen &= way < reach - 1
     none: _BOOLS = np.zeros(len(falls), dtype=bool)
-    return (
-        Flanks(rim, above, falls, none, 0.0 * way, way * falls * cell, seen)
-        if falls.any()
-        else None
-    )
+    if not falls.any():
+        return None
+    return Flanks(rim, above, falls, none, 0.0 * way, way * falls * cell, seen)
 
 
 def _near_ground(outwards: FloatArray, limit: FloatArray) -> tuple[FloatArray, FloatArray]:

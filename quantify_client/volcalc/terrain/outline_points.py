@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
+from scipy import ndimage, stats
 from scipy.spatial import cKDTree
 
 from ...types import FloatArray, IntArray
@@ -30,8 +30,14 @@ _NEAREST = 8
 #: The roughness within so many cells of the outline is held against that further inside.
 _EDGE, _DEEP = 1.0, (2.0, 6.0)
 
-#: Plants are at least twice as rough as the pile, of which so many points are looked at.
-_ROUGHER, _MOST = 2.0, 400
+#: Variance about the plane through eight points (five degrees of freedom) that a flank makes which
+#: ends in their middle, over the squares of its slope and of their distance: 2 (1 / 4 - 16 / (9
+#: pi^2)) / 4 of points at random in a circle, times 8 / 5.
+_TOE = 0.056
+
+#: Points of plants have at least twice the variance of those of the pile, of which so many are
+#: looked at; of few points, so much that it is the chance of one in a thousand (F test).
+_ROUGHER, _MOST, _CHANCE = 2.0, 400, 1e-3
 
 _BOOLS = npt.NDArray[np.bool_]
 
@@ -88,34 +94,49 @@ class OutlinePoints:
         off[corners(rim)[beside]] = np.inf
         return cls(window, rim, x, y, z, some.count, beside, off / window.cell)
 
-    def is_rough(self, stretch: IntArray) -> bool:
+    def is_rough(self, stretch: IntArray, slope: float) -> bool:
         """Return whether the terrain along a stretch of the outline is rougher than the pile.
 
-        More than half of the points inside of it scatter about the planes around them at least
-        twice as much as those of the pile do: one in 800 does where both are alike (chi-square of
-        5 degrees of freedom), and about the toe of a pile less than half do.
+        More than half of the points inside of it have at least twice the variance about the planes
+        around them that those of the pile have, beyond what the toe of a flank makes. Of single
+        points one in 13 has where both are alike (chi-square of 5 degrees of freedom).
 
         Parameters
         ----------
-        stretch : numbers of its rim points.
+        stretch : numbers of its rim points. slope : tangent of the flank inside.
         """
-        depth = -self.off
+        depth = self._depth
         edge = np.flatnonzero((depth > 0) & (depth <= _EDGE) & np.isin(self.beside, stretch))
         deep = np.flatnonzero((depth >= _DEEP[0]) & (depth <= _DEEP[1]))
         if len(edge) < _NEAREST or not len(deep):
             return False
         # Enough to tell a variance to a few percent.
-        limit = _ROUGHER**2 * self._variances(deep[:: 1 + len(deep) // _MOST]).mean()
-        return bool(2 * np.count_nonzero(self._variances(edge) > limit) > len(edge))
+        of_pile, _ = self._variances(deep[:: 1 + len(deep) // _MOST])
+        there, square = self._variances(edge)
+        # Of the points of each plane three are used up by it.
+        degrees = [len(some) * (1.0 - 3.0 / _NEAREST) for some in (there, of_pile)]
+        rougher = max(_ROUGHER, float(stats.f.isf(_CHANCE, *degrees)))
+        limit = rougher * of_pile.mean() + _TOE * slope**2 * square
+        return bool(2 * np.count_nonzero(there > limit) > len(edge))
+
+    @cached_property
+    def _depth(self) -> FloatArray:
+        """Cells inwards of the outline; minus infinity beside corners, beyond which is outside."""
+        sharp = corners(self.rim)[:, None].astype(np.float64)
+        beside = along_rings(sharp, np.ones_like(sharp), self.rim.part)[:, 0] > 0.0
+        return np.where(beside[self.beside], -np.inf, -self.off)
 
     @cached_property
     def _inside(self) -> tuple[FloatArray, cKDTree]:
         """Points inside, (K, 3) in cells, and the tree of their places."""
-        xyz = np.column_stack([self.x, self.y, self.z])[self.off < 0] / self.window.cell
+        xyz = np.column_stack([self.x, self.y, self.z])[self._depth > 0] / self.window.cell
         return xyz, cKDTree(xyz[:, :2])
 
-    def _variances(self, some: IntArray) -> FloatArray:
-        """Return the variances about the planes around some points inside, (S,) in cells2."""
+    def _variances(self, some: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Return variances about the planes around some points, and their mean square distances.
+
+        Both are (S,), cells2; the planes are through points inside.
+        """
         xyz, tree = self._inside
         places = np.column_stack([self.x[some], self.y[some]]) / self.window.cell
         _, nearest = tree.query(places, _NEAREST)
@@ -125,22 +146,27 @@ class OutlinePoints:
         normal = np.einsum("nki,nkj->nij", terms, terms) + 1e-9 * np.eye(3)
         plane = np.linalg.solve(normal, np.einsum("nki,nk->ni", terms, dz)[..., None])
         off = dz - (terms @ plane)[..., 0]
-        return np.asarray((off**2).sum(axis=1) / (_NEAREST - 3.0))
+        return (off**2).sum(axis=1) / (_NEAREST - 3.0), (dx**2 + dy**2).mean(axis=1)
 
-    def strips(self, width: float, number: int) -> Strips:
-        """Return mean heights in strips along the outline, outside of it.
+    def strips(self, width: float, wanted: range) -> Strips:
+        """Return mean heights in strips along the outline.
 
         Parameters
         ----------
-        width : of each, in cells. number : of strips.
+        width : of each, in cells.
+        wanted : numbers of strips, 0 for the one beside the outline, inwards below zero.
         """
-        strip = np.floor(self.off / width)
+        number = len(wanted)
+        strip = np.floor(self.off / width) - wanted.start
         some = (strip >= 0) & (strip < number)
         place = self.beside[some] * number + strip[some].astype(np.int64)
-        level = float(self.z[some].mean()) if some.any() else 0.0
-        z, size = self.z[some] - level, len(self.rim.x) * number
+        # What varies along the outline is taken off: strips have points at other places of it.
+        near, size = self.beside[some], len(self.rim.x)
+        z = self.z[some] - float(self.z[some].mean()) if some.any() else self.z[some]
+        level = np.bincount(near, z, size) / np.maximum(np.bincount(near, minlength=size), 1)
+        z = z - level[near]
         count, total, square = (
-            np.bincount(place, weight, size).astype(np.float64).reshape(-1, number)
+            np.bincount(place, weight, size * number).astype(np.float64).reshape(-1, number)
             for weight in (None, z, z**2)
         )
         mean, of_squares = (along_rings(v, count, self.rim.part) for v in (total, square))
@@ -155,7 +181,7 @@ class OutlinePoints:
 class Strips(NamedTuple):
     """Heights in K strips beside each of M rim points, with their errors; both (M, K), metres.
 
-    NaN where there are no points.
+    They are over the mean of all strips at each of the points around; NaN where there are none.
     """
 
     heights: FloatArray

@@ -131,13 +131,19 @@ def _cells_outwards(
 
 
 def at_walls(surface: AreaSurface, rim: Rim, steps: npt.NDArray[np.int64]) -> _BOOLS:
-    """Return which of these cells are walls, or behind them, (M, K)."""
-    off, window = surface.walls.off, surface.heights.window
-    if off is None:
+    """Return which of these cells are walls, or behind them, (M, K).
+
+    The edge of what is measured, a box, say, is none.
+    """
+    walls, window = surface.walls, surface.heights.window
+    if walls.off is None:
         return np.zeros((len(rim.x), len(steps)), dtype=bool)
     row, column = _cells_outwards(surface, rim, steps)
     place = row.clip(0, window.ny - 1), column.clip(0, window.nx - 1)
-    return np.asarray((off & ~surface.inside)[place])
+    found: _BOOLS = np.asarray((walls.off & ~surface.inside)[place])
+    if walls.edges is not None and walls.before is not None:
+        found[walls.edges & ~walls.before] = False
+    return found
 
 
 def at_outline(

@@ -22,7 +22,7 @@ from ...types import FloatArray, IntArray
 from .heights import CellHeights
 from .histogram import Cubes
 from .outline_points import OutlinePoints, corners
-from .rim import normals_of, sample_rim
+from .rim import along_rings, normals_of, sample_rim
 from .robust import MAD, SURE, robust_plane
 
 __all__ = [
@@ -62,6 +62,10 @@ _HINT = 0.25
 #: Points in cells so far inwards and outwards of those along the outline are looked at.
 _NEAR = (1.5, 3.5)
 
+#: Of the variance of the heights in a cell the slope from cell to cell leaves so much, or more,
+#: where there is a step: 0.58 with a step in its middle, 0.2 where a slope ends there.
+_UNEVEN = 0.3
+
 #: An area reaches over to a piece that has this share of it in its convex hull.
 _REACHES = 0.1
 
@@ -98,7 +102,7 @@ class Steps(NamedTuple):
     ----------
     edges : (M,) at which rim points the terrain steps up or down within two cells outwards.
     before : (M,) those of them that have a wall before them: the terrain rises first.
-    lines : (ny, nx) cells outside of the area on the straight lines through walls.
+    lines : (ny, nx) cells on the straight lines through walls.
     """
 
     edges: _BOOLS
@@ -124,11 +128,13 @@ def find_walls(heights: CellHeights, fraction: FloatArray, steps: Steps | None =
         return Walls(None, None, edges, before)
     z = _closed(heights.z)
     steep = _steep(z, cell)
-    if steps is not None:
-        steep |= steps.lines
-    if not steep.any():
+    cut = steep if steps is None else steep | (steps.lines & ~inside)
+    if not cut.any():
         return Walls(None, None, edges, before)
-    off = _cut_off(heights, z, inside, steep, SURE if walled else np.inf)
+    off = _cut_off(heights, z, inside, cut, SURE if walled else np.inf)
+    if steps is not None:
+        # Cells that the outline cuts beside a wall hold points of it.
+        steep |= ndimage.binary_dilation(steps.lines, np.ones((3, 3))) & inside
     return Walls(steep, off if off.any() else None, edges, before)
 
 
@@ -193,7 +199,7 @@ def steps_beside(
         return None
     points = OutlinePoints.of(heights.window, inside, rim, cubes, _NEAR)
     at, edges, before = _edges(points)
-    return Steps(edges, before, _straight_on(points, at, before) & ~inside)
+    return Steps(edges, before, _straight_on(points, at, before))
 
 
 def _edges(points: OutlinePoints) -> tuple[FloatArray, _BOOLS, _BOOLS]:
@@ -202,16 +208,22 @@ def _edges(points: OutlinePoints) -> tuple[FloatArray, _BOOLS, _BOOLS]:
     Within two cells the terrain steps up or down more steeply than loose material. Before a wall it
     rises first over what it is at the outline. Either is so for long, or not at all.
     """
-    z, error = points.strips(_STRIP, _STRIPS)
+    z, error = points.strips(_STRIP, range(-1, _STRIPS))
     step = np.nan_to_num(np.abs(z[:, _STEP:] - z[:, :-_STEP]))
     sure = step - SURE * np.hypot(error[:, _STEP:], error[:, :-_STEP])
     edges = (sure > _STEEPEST * _STEP * _STRIP * points.window.cell).any(axis=1)
-    up = (z - z[:, :1] > SURE * np.hypot(error, error[:, :1])).any(axis=1)
-    at = (step.argmax(axis=1) + (_STEP + 1) / 2.0) * _STRIP
-    length, before = points.rim.length, edges & up
+    # A wall may begin in the strip beside the outline.
+    low = z[:, :2].argmin(axis=1)[:, None]
+    z_low, error_low = (np.take_along_axis(v, low, axis=1) for v in (z, error))
+    up = (z[:, 1:] - z_low > SURE * np.hypot(error[:, 1:], error_low)).any(axis=1)
+    at = (step.argmax(axis=1) + (_STEP - 1) / 2.0) * _STRIP
+    # Around a corner means along the outline are of both of its sides, and tell nothing alone.
+    sharp = corners(points.rim)[:, None].astype(np.float64)
+    clear = along_rings(sharp, np.ones_like(sharp), points.rim.part)[:, 0] == 0.0
+    length, before = points.rim.length * clear, edges & up
     for which in (edges, before):
         for stretch in points.rim.stretches(which):
-            which[stretch] = length[stretch].sum() >= _LEAST_SHARE * length.sum()
+            which[stretch] = length[stretch].sum() >= _LEAST_SHARE * points.rim.length.sum()
     return np.asarray(at), edges, before
 
 
@@ -258,7 +270,7 @@ def heights_at_walls(
 
     Cells across a wall hold points of its top and its foot: how many of either is chance. Those
     that the outline cuts hold points that are not inside. Cells on an even slope are left out,
-    however steep it is: where it explains half of the variance of their points, or more.
+    however steep it is: where it explains most of the variance of their points.
 
     Parameters
     ----------
@@ -290,7 +302,7 @@ def heights_at_walls(
     _, _, uneven = _moments(flat, off_slope, size)
     inside = shapely.contains_xy(polygon, x, y)
     count, mean, own = _moments(flat[inside], z[inside], size)
-    step = (uneven > spread / 2.0) & (count > 0)
+    step = (uneven > _UNEVEN * spread) & (count > 0)
     error = np.sqrt(own / np.maximum(count, 1.0))
     return (
         np.where(step, mean + foot, np.nan).reshape(window.shape),
