@@ -214,7 +214,8 @@ def _over_predicted(
     if not on.any():
         return None
     level = float(np.median(general))
-    goes_on = on & _goes_on(surface, rim, ground, reach, sign * level)
+    over = sign * _over_ground(surface, ground, reach)
+    goes_on = on & _goes_on(surface, rim, over, reach, level, sign > 0)
     if 2.0 * rim.length[goes_on].sum() >= rim.length.sum():
         goes_on &= False
     edges, walled = _at_edges(surface, on, sign)
@@ -233,7 +234,6 @@ def _over_predicted(
         # So that the bank of a channel that winds does not rise to its middle.
         along[stretch] = above[stretch].max()
     rises = on & up & (highest > _RISE * along + limit)
-    over = sign * _over_ground(surface, ground, reach)
     for stretch in stretches:
         half = max(float(along[stretch[0]]) / 2.0, level)
         # Bushes, a bank: lower a cell further inside.
@@ -422,7 +422,9 @@ def _cells_of(surface: AreaSurface, rim: Rim) -> tuple[IntArray, IntArray]:
     return np.floor(row).astype(np.int64), np.floor(column).astype(np.int64)
 
 
-def _goes_on(surface: AreaSurface, rim: Rim, ground: Ground, reach: int, limit: float) -> _BOOLS:
+def _goes_on(
+    surface: AreaSurface, rim: Rim, over: FloatArray, reach: int, limit: float, walled: bool
+) -> _BOOLS:
     """Return beside which rim points (M,) something goes on for `reach` cells: a channel, a dam.
 
     Or as far as the cloud goes, and however it winds: what is off the ground is followed from cell
@@ -430,17 +432,15 @@ def _goes_on(surface: AreaSurface, rim: Rim, ground: Ground, reach: int, limit: 
 
     Parameters
     ----------
-    limit : what is higher over the ground than this goes on; below zero, what is lower.
+    over : (ny, nx) heights over the ground; of pits turned over.
+    limit : what is higher than this goes on, metres. walled : but not behind walls.
     """
-    window = surface.heights.window
     away = ndimage.distance_transform_edt(~surface.inside)
     outside = (away > 0) & (away <= reach)
-    over = np.full(window.shape, np.nan)
-    if surface.walls.off is not None and limit > 0:
+    if surface.walls.off is not None and walled:
         outside &= ~surface.walls.off
-    over[outside] = surface.heights.z[outside] - ground.heights_beyond(*window.middles(outside))
-    label, _ = ndimage.label(over > limit if limit > 0 else over < limit, _SQUARE)
-    unseen = ndimage.binary_opening(outside & ~np.isfinite(over), _SQUARE)
+    label, _ = ndimage.label(outside & (over > limit), _SQUARE)
+    unseen = ndimage.binary_opening(outside & ~np.isfinite(surface.heights.z), _SQUARE)
     last = (away > reach - 1.5) | ndimage.binary_dilation(unseen, np.ones((7, 7)))
     far = (label > 0) & np.isin(label, label[last])
     near = ndimage.binary_dilation(far, _SQUARE, iterations=2)
