@@ -13,7 +13,7 @@ from quantify_client.types import Window
 from quantify_client.volcalc.terrain.accumulate import TerrainAccumulator
 from quantify_client.volcalc.terrain.coverage import fill_gaps, support
 from quantify_client.volcalc.terrain.grid import CellWindow
-from quantify_client.volcalc.terrain.heights import MARGIN, cell_heights, fit_cells
+from quantify_client.volcalc.terrain.heights import MARGIN, cell_heights, fit_cells, mark_layers
 
 from .grounds import EAST, LEVEL, NORTH
 
@@ -26,7 +26,7 @@ def heights_of(x, y, z):
     """Cells of local points."""
     accumulator = TerrainAccumulator([SITE])
     accumulator.absorb(accumulator.reduce(EAST + x, NORTH + y, LEVEL + z))
-    return cell_heights(fit_cells(accumulator.points_of(0).cubes, CORE), CORE)
+    return cell_heights(mark_layers(fit_cells(accumulator.points_of(0).cubes, CORE), CORE), CORE)
 
 
 def random_places(count, seed=0):

@@ -10,7 +10,7 @@ import pytest
 from quantify_client.types import Window
 from quantify_client.volcalc.terrain.accumulate import TerrainAccumulator
 from quantify_client.volcalc.terrain.grid import CellWindow
-from quantify_client.volcalc.terrain.heights import MARGIN, cell_heights, fit_cells
+from quantify_client.volcalc.terrain.heights import MARGIN, cell_heights, fit_cells, mark_layers
 from quantify_client.volcalc.terrain.outlying import (
     _are_few,
     _by_chance,
@@ -47,7 +47,7 @@ def left_out(cubes):
 
 def mean_height(cubes):
     """Over the site, above its level."""
-    heights = cell_heights(cubes, CORE)
+    heights = cell_heights(mark_layers(cubes, CORE), CORE)
     return np.nanmean(heights.z[MARGIN:-MARGIN, MARGIN:-MARGIN]) - LEVEL
 
 
@@ -219,7 +219,7 @@ def test_where_outliers_are_found_tells_what_they_add_where_they_are_not():
     rough = np.where(x < 15, 20.0, 1.0) * noise()
     off = outliers(0.02, 0.5)
     cubes, clean = marked(x, y, rough + off), marked(x, y, rough)
-    heights, without = cell_heights(cubes, CORE), cell_heights(clean, CORE)
+    heights, without = (cell_heights(mark_layers(some, CORE), CORE) for some in (cubes, clean))
     west = slice(MARGIN + 2, -MARGIN - 2), slice(MARGIN + 2, len(heights.z) // 2 - 2)
     moved = np.nanmean(heights.z[west] - without.z[west])
     assert moved > 4e-3

@@ -204,7 +204,7 @@ def test_only_steps_are_walls_and_no_even_slope(slope, known):
     heights = cell_heights(cubes, Window(*polygon.bounds))
     fraction = cell_parts(polygon, heights.window).share
     steep = fraction > 0
-    at, error = heights_at_walls(polygon, cubes, heights, heights.z, steep)
+    at, error = heights_at_walls(polygon, cubes, heights.window, heights.z, steep)
     x, _ = heights.window.middles(steep)
     x = x + points.origin[0] - EAST - 0.1
     beside = np.abs(x) < 0.5 * heights.window.cell if known else np.isfinite(x)

@@ -22,7 +22,7 @@ from ...types import AreaResult, BudgetItem, FloatArray, Notice, Window
 from .accumulate import AreaPoints
 from .budget import standard_deviations
 from .coverage import cells_of_clumps
-from .heights import fit_cells
+from .heights import fit_cells, mark_layers
 from .histogram import Cubes
 from .layers import find_layers
 from .measure import Measured, Sides, TerrainRecipe, measure_sides, measure_terrain
@@ -88,8 +88,9 @@ def _in_cells(
     recipe: TerrainRecipe,
 ) -> Tuple[Tuple[Measured, ...], AreaPoints]:
     """Return the results in certain cells, and the points with outliers and layers marked."""
-    cubes, layers = find_layers(mark_outliers(cubes, Window(*polygon.bounds)), polygon)
-    points = replace(points, cubes=cubes)
+    bounds = Window(*polygon.bounds)
+    cubes, layers = find_layers(mark_outliers(cubes, bounds), polygon)
+    points = replace(points, cubes=mark_layers(cubes, bounds))
     return measure_terrain(name, polygon, points, recipe, layers), points
 
 

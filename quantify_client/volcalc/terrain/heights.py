@@ -24,6 +24,7 @@ __all__ = [
     "cell_window",
     "fit_cells",
     "larger_cells",
+    "mark_layers",
     "on_surface",
 ]
 
@@ -156,18 +157,37 @@ def cell_window(cubes: Cubes, bounds: Window, margin: int = MARGIN) -> CellWindo
     return CellWindow.around(bounds, cubes.cell * cubes.factor, margin)
 
 
+def mark_layers(cubes: Cubes, bounds: Window) -> Cubes:
+    """Return the cubes with those marked as outlying that are far off the surface.
+
+    They are found in blocks of a few cells: heights that form a layer of their own, with a gap to
+    the others and less than a tenth of the block's points, unless it is one of two surfaces. A wall
+    keeps both its top and its foot, so that a cell across it gets the mean that its volume needs.
+
+    Parameters
+    ----------
+    cubes : from `fit_cells`.
+    bounds : of the area, metres, in the coordinates of the cubes.
+    """
+    # Other grid offsets begin up to half a cell further west and south.
+    window = cell_window(cubes, bounds, MARGIN + 1)
+    column = cubes.column // cubes.factor - window.first_x
+    row = cubes.row // cubes.factor - window.first_y
+    inside = np.flatnonzero(window.holds(row, column))
+    outlying = cubes.outlying.copy()
+    far = ~on_surface(cubes.select(inside), column[inside], row[inside], window)
+    outlying[inside] |= far & (cubes.layer[inside] == 0)
+    return replace(cubes, outlying=outlying)
+
+
 def cell_heights(
     cubes: Cubes, bounds: Window, left_out: npt.NDArray[np.int8] | None = None
 ) -> CellHeights:
     """Return robust heights over `bounds` and a margin, in cells of about two point spacings.
 
-    Outliers are found in blocks of a few cells: heights that form a layer of their own, with a gap
-    to the others and less than a tenth of the block's points, are left out. A wall keeps both its
-    top and its foot, so that a cell across it gets the mean that its volume needs.
-
     Parameters
     ----------
-    cubes : from `fit_cells`.
+    cubes : from `mark_layers`.
     bounds : of the area, metres, in the coordinates of the cubes.
     left_out : (ny, nx), mark of the one of two surfaces that is left out of each cell of the
         `cell_window`, 0 for neither; None for none.
@@ -176,12 +196,12 @@ def cell_heights(
     column = cubes.column // cubes.factor - window.first_x
     row = cubes.row // cubes.factor - window.first_y
     inside = window.holds(row, column)
-    cubes, column, row = cubes.select(inside), column[inside], row[inside]
-    flat = row * window.nx + column
+    cubes = cubes.select(inside)
+    flat = row[inside] * window.nx + column[inside]
     other = np.zeros(len(flat), dtype=bool)
     if left_out is not None:
         other = (cubes.layer != 0) & (cubes.layer == left_out.ravel()[flat])
-    good = on_surface(cubes, column, row, window) & ~cubes.outlying | (cubes.layer != 0)
+    good = ~cubes.outlying | (cubes.layer != 0)
     return _collect(cubes, flat, good, other, window)
 
 

@@ -14,7 +14,7 @@ from ...errors import SupportError
 from ...types import FloatArray, IntArray, Window
 from .accumulate import AreaPoints
 from .grid import CellWindow
-from .heights import cell_heights, fit_cells
+from .heights import cell_heights, fit_cells, mark_layers
 from .histogram import Cubes
 
 __all__ = ["CloudOutline", "cloud_outline", "core_window", "height_quantiles"]
@@ -71,7 +71,7 @@ def cloud_outline(points: AreaPoints) -> CloudOutline:
         When no cells touch each other.
     """
     bounds = points.box.shifted(-points.box.min_x, -points.box.min_y)
-    heights = cell_heights(fit_cells(points.cubes, bounds), bounds)
+    heights = cell_heights(mark_layers(fit_cells(points.cubes, bounds), bounds), bounds)
     ring = ndimage.generate_binary_structure(2, 1)
     covered = ndimage.binary_closing(heights.count > 0, ring, iterations=_CLOSING)
     covered = ndimage.binary_erosion(ndimage.binary_fill_holes(covered), ring)

@@ -205,7 +205,7 @@ def find_surface(
     if walls.steep is not None:
         steep = walls.steep & (fraction > 0)
         wanted = (cubes.layer == 0) | (cubes.layer != _LEFT_OUT[layer])
-        at_walls = heights_at_walls(polygon, cubes.select(wanted), heights, filled, steep)
+        at_walls = heights_at_walls(polygon, cubes.select(wanted), heights.window, filled, steep)
     return AreaSurface(
         polygon,
         parts,

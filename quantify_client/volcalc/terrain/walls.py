@@ -19,6 +19,7 @@ from scipy import ndimage
 from shapely.geometry import MultiPoint, MultiPolygon, Polygon
 
 from ...types import FloatArray, IntArray
+from .grid import CellWindow
 from .heights import CellHeights
 from .histogram import Cubes
 from .outline_points import OutlinePoints, corners
@@ -262,7 +263,7 @@ def _reaches_over(inside: _BOOLS, piece: _BOOLS) -> bool:
 def heights_at_walls(
     polygon: Polygon | MultiPolygon,
     cubes: Cubes,
-    heights: CellHeights,
+    window: CellWindow,
     filled: FloatArray,
     cells: _BOOLS,
 ) -> tuple[FloatArray, FloatArray]:
@@ -275,19 +276,15 @@ def heights_at_walls(
     Parameters
     ----------
     cubes : from `fit_cells`.
-    heights : of the cells; points beyond their range in a cell are outliers.
     filled : (ny, nx) heights with gaps closed, metres.
     cells : (ny, nx) which are wanted; the others, and those without points inside, are NaN.
     """
-    window = heights.window
     column, row = (
         v // cubes.factor - first
         for v, first in ((cubes.column, window.first_x), (cubes.row, window.first_y))
     )
     near = window.holds(row, column) & ~cubes.outlying
     near[near] = cells[row[near], column[near]]
-    at, middle = (row[near], column[near]), (cubes.bin[near] + 0.5) * cubes.cell
-    near[near] = (middle >= heights.low[at]) & (middle <= heights.high[at])
     some, flat = cubes.select(near), row[near] * window.nx + column[near]
     x, y = ((v + 0.5) * cubes.cell for v in (some.column, some.row))
     foot = float(some.bin.min(initial=0)) * cubes.cell
