@@ -95,6 +95,35 @@ def test_outlines_are_written_and_measured_again_edited_or_not(cloud, proposed, 
         measure(cloud, area=written)
 
 
+def test_an_outline_is_known_no_better_when_it_is_measured_again(run, tmp_path):
+    """Of two piles that touch the line between them is known to half a cell, in a file as well."""
+    pair = (cone(6.0, 4.0, 12.0, 15.0), cone(6.0, 3.6, 21.0, 15.0))
+
+    def touching(x, y):
+        return np.maximum.reduce([pile.feature(x, y) for pile in pair])
+
+    cloud = write_las(tmp_path / "pair.laz", survey(touching, NOISE, 60_000), crs=UTM)
+    out = tmp_path / "report"
+    status, printed, _ = run("volume", cloud, "--area", "auto", "--out", out, "--json")
+    assert status == 0
+    first = json.loads(printed)["results"]
+    areas = json.loads((out / "areas.geojson").read_text())
+    again = measure(cloud, area=areas)
+
+    def item(budget):
+        return next((i["std_m3"] for i in budget if i["source"] == "outline"), 0.0)
+
+    document = again.to_dict()["results"]
+
+    for row, result in zip(first, document):
+        assert item(row["budget"]) > 0.05
+        assert item(result["budget"]) == pytest.approx(item(row["budget"]), rel=1e-9)
+        assert result["std_m3"] == pytest.approx(row["std_m3"], rel=0.2)
+    for wrong in (-1.0, True, "much", None):
+        areas["features"][0]["properties"]["outline_std_m3"] = wrong
+        assert not [i for i in measure(cloud, area=areas)[0].budget if i.source == "outline"]
+
+
 def test_a_car_on_a_pile_is_not_measured_with_it(tmp_path):
     """As a conveyor over it: the pile goes on under it, between its flanks."""
 

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 import re
 import unicodedata
 
@@ -108,8 +109,8 @@ def checked_area(area):
     if len(json.dumps(area)) > LIMITS["area_bytes"]:
         raise MisshapenError(f"the area is larger than {LIMITS['area_bytes']} bytes; simplify it")
     features = [
-        {"type": "Feature", "properties": {"name": name}, "geometry": geometry}
-        for name, geometry in _polygons(area, None, 0)
+        {"type": "Feature", "properties": said, "geometry": geometry}
+        for said, geometry in _polygons(area, {"name": None}, 0)
     ]
     if not features:
         raise MisshapenError("the area holds no polygon; draw one round what is to be measured")
@@ -141,27 +142,27 @@ def _rounded(value):
     return round(float(value), 9) + 0.0 if isinstance(value, (int, float)) else value
 
 
-def _polygons(node, name, depth):
-    """Yield the name and geometry of every polygon."""
+def _polygons(node, said, depth):
+    """Yield the properties that are kept and the geometry of every polygon."""
     if depth > 8 or not isinstance(node, dict):
         raise MisshapenError("the area is not GeoJSON; expected a FeatureCollection with polygons")
     _require_lon_lat(node.get("crs"))
     kind = node.get("type")
     if kind == "FeatureCollection":
         for feature in _members(node, "features"):
-            yield from _polygons(feature, None, depth + 1)
+            yield from _polygons(feature, {"name": None}, depth + 1)
     elif kind == "Feature":
         if node.get("geometry") is not None:
-            yield from _polygons(node["geometry"], _label(node.get("properties")), depth + 1)
+            yield from _polygons(node["geometry"], _kept(node.get("properties")), depth + 1)
     elif kind == "GeometryCollection":
         for geometry in _members(node, "geometries"):
-            yield from _polygons(geometry, name, depth + 1)
+            yield from _polygons(geometry, said, depth + 1)
     elif kind == "Polygon":
-        yield name, {"type": kind, "coordinates": _rings(node.get("coordinates"))}
+        yield said, {"type": kind, "coordinates": _rings(node.get("coordinates"))}
     elif kind == "MultiPolygon":
         parts = [_rings(part) for part in _members(node, "coordinates")]
         if parts:
-            yield name, {"type": kind, "coordinates": parts}
+            yield said, {"type": kind, "coordinates": parts}
     elif depth == 0:
         raise MisshapenError("the area is no polygon; draw one round what is to be measured")
 
@@ -171,6 +172,21 @@ def _members(node, key):
     if not isinstance(members, list):
         raise MisshapenError(f"the area has a {node.get('type')} without {key}")
     return members
+
+
+def _kept(properties):
+    """Return the name, and how well the outline of a pile is known that was proposed."""
+    said = {"name": _label(properties)}
+    if not isinstance(properties, dict) or properties.get("proposed") is not True:
+        return said
+    if properties.get("kind") == "pile":
+        said.update(proposed=True, kind="pile")
+        for key in ("height_m", "outline_std_m3"):
+            value = properties.get(key)
+            number = isinstance(value, (int, float)) and not isinstance(value, bool)
+            if number and math.isfinite(value):
+                said[key] = value
+    return said
 
 
 def _label(properties):

@@ -239,7 +239,7 @@ def _named(area, measurement):
     if area is None:
         return None
     features = [
-        {**feature, "properties": {"name": result.name}}
+        {**feature, "properties": {**feature["properties"], "name": result.name}}
         for feature, result in zip(area["features"], measurement.results)
     ]
     return {**area, "features": features}

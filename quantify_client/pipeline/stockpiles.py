@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, Iterator, List, Mapping, Optional, Sequence, Union
 
 import shapely
@@ -59,12 +59,10 @@ class Drawn:
 
     Attributes
     ----------
-    outline_std : of the volumes of new proposals by name, for `with_outline`, m3.
     whole : the cloud that they were proposed for, where they were.
     """
 
     areas: AreaSet
-    outline_std: Mapping[str, float] = field(default_factory=dict)
     whole: Optional[WholeCloud] = None
 
 
@@ -94,12 +92,16 @@ def proposed_areas(
         Area(
             one.name,
             one.outline,
-            {"kind": one.kind, "height_m": round(one.height, 3), "proposed": True},
+            {
+                "kind": one.kind,
+                "height_m": round(one.height, 3),
+                "proposed": True,
+                "outline_std_m3": one.std,
+            },
         )
         for one in found.proposals
     ]
-    stds = {one.name: one.std for one in found.proposals}
-    return Drawn(AreaSet(tuple(areas), ()), stds, whole)
+    return Drawn(AreaSet(tuple(areas), ()), whole)
 
 
 def _nothing(found: Found) -> str:
@@ -132,13 +134,12 @@ class Separated:
     Attributes
     ----------
     areas : to be measured.
-    outline_std, whole : see `Drawn`.
+    whole : see `Drawn`.
     objects : proposals of other kinds; their points are left out of all areas.
     proposals : what is known of all that were proposed, the objects among them.
     """
 
     areas: Areas
-    outline_std: Mapping[str, float]
     whole: Optional[WholeCloud]
     objects: Sequence[Area]
     proposals: Sequence[Proposal]
@@ -162,6 +163,11 @@ class Separated:
         piles = [shapely.from_wkb(one.polygon_wkb) for one in self.proposals if one.measured]
         beside = shapely.difference(shapely.union_all(piles), polygon)
         return shapely.union(beside, shapely.union_all([one.polygon for one in self.objects]))
+
+    @property
+    def outline_std(self) -> Mapping[str, float]:
+        """Of the volumes of proposals by name, for `with_outline`, m3."""
+        return {one.name: one.outline_std_m3 or 0.0 for one in self.proposals}
 
     def warnings(self) -> Iterator[Notice]:
         """Yield a warning of objects that are not measured."""
@@ -199,20 +205,31 @@ def separated(drawn: Drawn) -> Separated:
             f"all {len(objects)} areas are proposals of other kinds than pile; expected one to be "
             "measured: set its kind to pile"
         )
-    return Separated(measured, drawn.outline_std, drawn.whole, objects, proposals)
+    return Separated(measured, drawn.whole, objects, proposals)
 
 
 def _proposal(area: Area) -> Union[Proposal, None]:
     """Return what the properties of an area say of it; None where it was not proposed."""
     said: Mapping[str, Any] = area.properties
-    kind, height = said.get("kind"), said.get("height_m")
+    kind = said.get("kind")
     if said.get("proposed") is not True or kind not in KINDS:
         return None
-    number = isinstance(height, (int, float)) and not isinstance(height, bool)
-    if not number or not math.isfinite(height or 0.0):
-        height = None
-    wkb = shapely.to_wkb(area.polygon)
-    return Proposal(area.name, str(kind), height, float(area.polygon.area), kind == PILE, wkb)
+    height, std = _number(said.get("height_m")), _number(said.get("outline_std_m3"))
+    return Proposal(
+        area.name,
+        str(kind),
+        height,
+        float(area.polygon.area),
+        kind == PILE,
+        std if std is not None and std > 0 else None,
+        shapely.to_wkb(area.polygon),
+    )
+
+
+def _number(value: Any) -> Optional[float]:
+    """Return a finite number, None for anything else."""
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    return float(value) if number and math.isfinite(value) else None
 
 
 def with_outline(result: AreaResult, std: float) -> AreaResult:

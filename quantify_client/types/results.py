@@ -307,6 +307,9 @@ class Proposal:
     height_m: Annotated[Optional[float], "Of its highest cell above the ground around it."]
     area_m2: Positive
     measured: Annotated[bool, "Piles are among the results by the same name, others are not."]
+    outline_std_m3: Annotated[
+        Optional[Positive], "Of the volume, for not knowing the outline better; null if drawn."
+    ] = None
     polygon_wkb: Annotated[bytes, LEFT_OUT] = field(default=b"", repr=False)
 
 

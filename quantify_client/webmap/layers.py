@@ -124,14 +124,20 @@ def measured_proposals(measurement: Measurement) -> Optional[Dict[str, Any]]:
     A FeatureCollection in longitude and latitude; None where one of the results has none, or where
     the cloud has no place on a map.
     """
-    outlines = {one.name: one.polygon_wkb for one in measurement.proposals if one.measured}
+    outlines = {one.name: one for one in measurement.proposals if one.measured}
     features, frame = [], measurement.frame
     for result in measurement.results:
         relief = getattr(result, "relief", None)
         plane = _plane(frame, relief) if frame is not None and relief is not None else None
         if plane is None or result.name not in outlines:
             return None
-        features.append(_area(result.name, outlines[result.name], plane))
+        one = outlines[result.name]
+        feature = _area(result.name, one.polygon_wkb, plane)
+        # So that what is measured again knows its outline no better.
+        feature["properties"].update(
+            proposed=True, kind=one.kind, height_m=one.height_m, outline_std_m3=one.outline_std_m3
+        )
+        features.append(feature)
     return _collection(features)
 
 

@@ -170,7 +170,14 @@ def test_the_proposed_outline_is_a_feature_of_its_own(inside):
 def test_piles_that_were_found_are_on_the_map_in_their_order(site):
     found = measure(site / "pile.laz", area="auto")
     (feature,) = layers.measured_proposals(found)["features"]
-    assert feature["properties"] == {"name": found.results[0].name}
+    (one,) = found.proposals
+    assert feature["properties"] == {
+        "name": found.results[0].name,
+        "proposed": True,
+        "kind": "pile",
+        "height_m": one.height_m,
+        "outline_std_m3": one.outline_std_m3,
+    }
     plane = on_map(found.frame, found.results[0].relief.min_x, found.results[0].relief.min_y, 0)
     x, y = plane.places(*np.array(feature["geometry"]["coordinates"][0]).T)
     assert shapely.Polygon(np.column_stack([x, y])).area == pytest.approx(math.pi * 8.4**2, rel=0.1)

@@ -210,6 +210,13 @@ def test_piles_are_found(host, beach_task):
     assert [feature["properties"]["name"] for feature in found["area"]["features"]] == names
     told = {warning["code"] for warning in found["measurement"]["warnings"]}
     assert "objects-not-measured" in told
+    again = host.owner.measured(beach_task, area=found["area"])
+    for one, other in zip(found["measurement"]["results"], again["measurement"]["results"]):
+        of_outline = [
+            [item["std_m3"] for item in row["budget"] if item["source"] == "outline"]
+            for row in (one, other)
+        ]
+        assert of_outline[0] == of_outline[1]
 
 
 def test_same_area_again_on_another_task_makes_a_series(host, beach_task, kept):

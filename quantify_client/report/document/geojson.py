@@ -26,8 +26,9 @@ OUTLINE_DECIMALS = 6  # of what is measured by again, perhaps a body of centimet
 def to_geojson(measurement: Measurement) -> Dict[str, Any]:
     """Return a FeatureCollection: a feature for each result, failures with geometry null.
 
-    Outlines that were proposed say so (``proposed``, ``kind``, ``height_m``); those of other kinds
-    than piles, which are no results, follow, and what to use instead of an outline on a pile.
+    Outlines that were proposed say so (``proposed``, ``kind``, ``height_m``, ``outline_std_m3``:
+    how much of the volume is uncertain by where they lie); those of other kinds than piles, which
+    are no results, follow, and what to use instead of an outline on a pile.
 
     Longitude and latitude of WGS 84, outer rings counter-clockwise. Without a CRS the cloud's
     own coordinates, which RFC 7946 does not know: the collection and each feature then say so
@@ -77,7 +78,8 @@ def _geometry(
 
 
 def _proposed(one: Proposal) -> Dict[str, Any]:
-    return {"name": one.name, "kind": one.kind, "height_m": one.height_m, "proposed": True}
+    said = {"name": one.name, "kind": one.kind, "height_m": one.height_m, "proposed": True}
+    return said if one.outline_std_m3 is None else {**said, "outline_std_m3": one.outline_std_m3}
 
 
 def _placed(wkb: bytes, frame: Optional[Frame]) -> Dict[str, Any]:
