@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage, stats
+from scipy import ndimage, special
 from scipy.spatial import cKDTree
 
 from ...types import FloatArray, IntArray
@@ -115,7 +115,7 @@ class OutlinePoints:
         there, square = self._variances(edge)
         # Of the points of each plane three are used up by it.
         degrees = [len(some) * (1.0 - 3.0 / _NEAREST) for some in (there, of_pile)]
-        rougher = max(_ROUGHER, float(stats.f.isf(_CHANCE, *degrees)))
+        rougher = max(_ROUGHER, float(special.fdtri(*degrees, 1.0 - _CHANCE)))
         limit = rougher * of_pile.mean() + _TOE * slope**2 * square
         return bool(2 * np.count_nonzero(there > limit) > len(edge))
 
