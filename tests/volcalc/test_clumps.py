@@ -66,6 +66,7 @@ def test_cells_grow_until_clumps_are_all_over_the_area():
     assert found.volume_m3 == pytest.approx(volume, rel=0.05)
 
 
+@pytest.mark.one_python
 def test_intervals_hold_on_clumped_clouds():
     """90 to 100 % of 40 normal deviates are within 1.96 in 98 % of cases."""
     off = []
