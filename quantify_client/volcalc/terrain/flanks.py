@@ -14,8 +14,8 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from ...types import FloatArray, IntArray
+from .around_outline import cells_of, goes_on, is_other, over_ground
 from .ground import Ground
-from .ground_blocks import FLANK
 from .histogram import Cubes
 from .outline_points import OutlinePoints
 from .profiles import STRIP, at_outline, at_walls, ground_limit, outwards_of, raw_outwards
@@ -23,7 +23,7 @@ from .rim import Rim
 from .robust import MAD, SURE
 from .surface import AreaSurface
 
-__all__ = ["NOT_ON_PILE", "Flanks", "OnPile", "find_flanks", "standing"]
+__all__ = ["NOT_ON_PILE", "Flanks", "OnPile", "find_flanks"]
 
 #: With more than this share of the outline on another pile that is told.
 _LEAST_SHARE = 0.05
@@ -214,10 +214,10 @@ def _over_predicted(
     if not on.any():
         return None
     level = float(np.median(general))
-    over = sign * _over_ground(surface, ground, reach)
-    goes_on = on & _goes_on(surface, rim, over, reach, level, sign > 0)
-    if 2.0 * rim.length[goes_on].sum() >= rim.length.sum():
-        goes_on &= False
+    over = sign * over_ground(surface, ground, reach)
+    going_on = on & goes_on(surface, rim, over, reach, level, sign > 0)
+    if 2.0 * rim.length[going_on].sum() >= rim.length.sum():
+        going_on &= False
     edges, walled = _at_edges(surface, on, sign)
     points = OutlinePoints.of(surface.heights.window, surface.inside, rim, cubes, _INWARDS)
     outer, inner = (np.column_stack([above, side[:, 1:]]) for side in (outwards, inwards))
@@ -226,32 +226,29 @@ def _over_predicted(
     if sign > 0:
         outer = np.where(at_walls(surface, rim, steps), np.inf, outer)
     toe, ended = _down(outer, limit)
-    # Of what goes up, a good deal more than its height at the outline.
     highest = np.where(np.isfinite(outer), outer, -np.inf).max(axis=1)
-    stretches = list(rim.stretches(on))
-    along = above.copy()
-    for stretch in stretches:
+    # Bushes, a bank: lower a cell further inside.
+    lower_inside = np.nan_to_num(outwards[:, 0] - limit - inner[:, 1])
+    rises = np.zeros(len(on), dtype=bool)
+    for stretch in rim.stretches(on):
         # So that the bank of a channel that winds does not rise to its middle.
-        along[stretch] = above[stretch].max()
-    rises = on & up & (highest > _RISE * along + limit)
-    for stretch in stretches:
-        half = max(float(along[stretch[0]]) / 2.0, level)
-        # Bushes, a bank: lower a cell further inside.
-        lower_inside = np.nan_to_num(outwards[:, 0] - limit - inner[:, 1])[stretch]
-        ridge = np.median(lower_inside) > 0 and not goes_on[stretch].any()
-        other = ridge or _is_other(surface, rim, over, stretch, half)
+        height = float(above[stretch].max())
+        # Of what goes up, a good deal more than its height at the outline.
+        rises[stretch] = up[stretch] & (highest > _RISE * height + limit)[stretch]
+        ridge = np.median(lower_inside[stretch]) > 0 and not going_on[stretch].any()
+        other = ridge or is_other(surface, rim, over, stretch, max(height / 2.0, level))
         if other or points.is_rough(stretch, float(slope[stretch].max())):
             rises[stretch] = True
     rises &= ~walled
     # What stays as high has no toe, and on a saddle it is beside the outline.
     lowest = np.nanmin(np.where(np.isfinite(outer), outer, np.inf), axis=1)
-    falls = on & ~up & ~rises & ~goes_on & ~walled & (ended | (lowest < above - limit)) & (toe > 0)
+    falls = on & ~up & ~rises & ~going_on & ~walled & (ended | (lowest < above - limit)) & (toe > 0)
     if not (falls | rises | edges).any():
         return None
     valley, at_valley = _down(inner, limit)
     way = np.select([falls, rises], [toe, -valley]) * surface.heights.window.cell
     beside = np.where(surface.inside, -np.inf, over)
-    tops = np.maximum(ndimage.maximum_filter(beside, _BESIDE)[_cells_of(surface, rim)], above)
+    tops = np.maximum(ndimage.maximum_filter(beside, _BESIDE)[cells_of(surface, rim)], above)
     return Flanks(
         rim,
         above,
@@ -361,87 +358,3 @@ def _down(heights: FloatArray, limit: FloatArray) -> tuple[FloatArray, _BOOLS]:
     at_toe, at_saddle = ends[0] == first, ends[1] == first
     seen = (first < heights.shape[1]) & (at_toe | at_saddle)
     return np.where(at_saddle & ~at_toe, saddle, np.maximum(first - 0.5, 0.0)), seen
-
-
-def _over_ground(surface: AreaSurface, ground: Ground, reach: int) -> FloatArray:
-    """Return heights over the ground of an area and `reach` cells around, (ny, nx); 0 elsewhere."""
-    near = ndimage.distance_transform_edt(~surface.inside) <= reach
-    over = np.zeros(near.shape)
-    middles = surface.heights.window.middles(near)
-    over[near] = surface.heights.z[near] - ground.heights_beyond(*middles)
-    return np.asarray(np.nan_to_num(over))
-
-
-def standing(surface: AreaSurface, ground: Ground, flanks: Flanks, reach: int) -> _BOOLS:
-    """Return which cells outside of the area are on what stands at its outline, (ny, nx).
-
-    They are off the ground, and lead from cell to cell to where the outline is on a pile or on
-    another one; and as many more as a flank of 1 : 2 needs to the ground.
-    """
-    limit = float(np.median(ground_limit(flanks.rim, ground)))
-    off = (np.abs(_over_ground(surface, ground, reach)) > limit) & ~surface.inside
-    label, _ = ndimage.label(off, _SQUARE)
-    at_outline: _BOOLS = np.zeros(off.shape, dtype=bool)
-    on = flanks.falls | flanks.rises
-    row, column = _cells_of(surface, flanks.rim)
-    at_outline[row[on], column[on]] = True
-    reached = label[ndimage.binary_dilation(at_outline, _SQUARE)]
-    found = np.isin(label, reached[reached > 0])
-    more = int(np.ceil(limit / (FLANK * surface.heights.window.cell)))
-    return np.asarray(ndimage.binary_dilation(found, _SQUARE, iterations=more) & ~surface.inside)
-
-
-def _is_other(
-    surface: AreaSurface, rim: Rim, over: FloatArray, stretch: IntArray, level: float
-) -> bool:
-    """Return whether a stretch of the outline is on something else, most of which is outside.
-
-    Above a level, half of its height there, it is another piece than what most of the volume inside
-    is of.
-
-    Parameters
-    ----------
-    over : (ny, nx) heights over the ground; of pits turned over.
-    stretch : numbers of its rim points. level : metres over the ground.
-    """
-    label, number = ndimage.label(over > level, _SQUARE)
-    inside, outside = (
-        np.bincount(label[some], over[some], number + 1)
-        for some in (surface.inside, ~surface.inside)
-    )
-    inside[0] = 0.0
-    other = (outside > inside) & (inside > 0)
-    other[[0, int(inside.argmax())]] = False
-    near = ndimage.maximum_filter(other[label], 3)
-    return bool(near[_cells_of(surface, rim)][stretch].any())
-
-
-def _cells_of(surface: AreaSurface, rim: Rim) -> tuple[IntArray, IntArray]:
-    """Return row and column of the cell of each rim point, (M,)."""
-    column, row = surface.heights.window.in_cells(rim.x, rim.y)
-    return np.floor(row).astype(np.int64), np.floor(column).astype(np.int64)
-
-
-def _goes_on(
-    surface: AreaSurface, rim: Rim, over: FloatArray, reach: int, limit: float, walled: bool
-) -> _BOOLS:
-    """Return beside which rim points (M,) something goes on for `reach` cells: a channel, a dam.
-
-    Or as far as the cloud goes, and however it winds: what is off the ground is followed from cell
-    to cell.
-
-    Parameters
-    ----------
-    over : (ny, nx) heights over the ground; of pits turned over.
-    limit : what is higher than this goes on, metres. walled : but not behind walls.
-    """
-    away = ndimage.distance_transform_edt(~surface.inside)
-    outside = (away > 0) & (away <= reach)
-    if surface.walls.off is not None and walled:
-        outside &= ~surface.walls.off
-    label, _ = ndimage.label(outside & (over > limit), _SQUARE)
-    unseen = ndimage.binary_opening(outside & ~np.isfinite(surface.heights.z), _SQUARE)
-    last = (away > reach - 1.5) | ndimage.binary_dilation(unseen, np.ones((7, 7)))
-    far = (label > 0) & np.isin(label, label[last])
-    near = ndimage.binary_dilation(far, _SQUARE, iterations=2)
-    return np.asarray(near[_cells_of(surface, rim)])

@@ -15,9 +15,10 @@ from shapely.geometry import MultiPolygon, Polygon
 from ...options import DEFAULT_BASE, DEFAULT_LAYER
 from ...types import AreaResult, BudgetItem, FloatArray, Relief
 from .accumulate import AreaPoints
+from .around_outline import standing
 from .base import BASES, KRIGED, make_base
 from .budget import error_budget, standard_deviations
-from .flanks import NOT_ON_PILE, Flanks, find_flanks, standing
+from .flanks import NOT_ON_PILE, Flanks, find_flanks
 from .ground import Ground, find_ground
 from .integrate import above_mask, integrate_slices, slab_edges
 from .layers import NO_LAYERS, Layers
@@ -253,7 +254,8 @@ def _ground(surface: AreaSurface, points: AreaPoints) -> tuple[Ground | None, Fl
     std = float(ground.errors(*places, surface.a[None, surface.inside])[0])
     if told.is_beyond(std) or told.is_across:
         # What stands at the outline is no ground.
-        off = on_flanks(surface, flanks) | standing(surface, ground, flanks, _BEYOND)
+        on = flanks.falls | flanks.rises
+        off = on_flanks(surface, flanks) | standing(surface, ground, flanks.rim, on, _BEYOND)
         ground = found(off if surface.walls.off is None else off | surface.walls.off)
     return ground, flanks
 
