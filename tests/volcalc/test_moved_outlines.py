@@ -8,7 +8,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import affinity
-from shapely.geometry import GeometryCollection, LineString, Point, box
+from shapely.geometry import GeometryCollection, LineString, Point, Polygon, box
 
 from quantify_client.types import Window
 from quantify_client.volcalc.terrain.accumulate import TerrainAccumulator
@@ -130,3 +130,36 @@ def test_what_stands_at_an_outline_does_not_lift_the_base():
     assert result.volume_m3 == pytest.approx(volume, rel=0.015)
     low, high = result.interval95_m3
     assert low < volume < high
+
+
+def test_polygons_are_valid_whatever_they_were_made_of():
+    """A bow tie, and a hole without an area: two triangles of 1 m2, and the square."""
+    tie = polygonal(Polygon([(0, 0), (2, 2), (2, 0), (0, 2)]))
+    assert tie.is_valid
+    assert tie.area == pytest.approx(2.0)
+    pinned = polygonal(Polygon([(0, 0), (4, 0), (4, 4), (0, 4)], [[(1, 1), (2, 1), (1, 1)]]))
+    assert pinned.is_valid
+    assert pinned.geom_type == "Polygon"
+    assert pinned.area == pytest.approx(16.0)
+
+
+def test_where_most_of_the_toe_is_out_of_sight_nothing_is_proposed():
+    """The cloud ends 1 m beyond an outline that is 3 m inside: nobody sees where the pile ends."""
+    rng = np.random.default_rng(5)
+    x, y = rng.uniform(-6, 6, (2, 8_000))
+    seen = np.hypot(x, y) < 6
+    x, y = x[seen], y[seen]
+    z = LEVEL + cone(x, y) + 0.01 * rng.standard_normal(len(x))
+    placed = affinity.translate(circle(5), EAST, NORTH)
+    accumulator = TerrainAccumulator([Window(*placed.bounds)])
+    accumulator.absorb(accumulator.reduce(x + EAST, y + NORTH, z))
+    points = accumulator.points_of(0)
+    result = measure_area("a", points.to_local(placed), points, TerrainRecipe())
+    assert result.relief.proposal_wkb is None
+    assert "proposed" not in " ".join(result.warnings)
+
+
+def test_a_proposal_is_said_in_the_warning():
+    result = measured(cone, circle(7))
+    assert result.relief.proposal_wkb is not None
+    assert result.warnings[0].endswith("or take the one that is proposed")

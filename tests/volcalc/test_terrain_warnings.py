@@ -42,19 +42,19 @@ def test_a_sound_result_has_no_warning():
             Findings(on_pile=OnPile(0.4, 0.5, 1.25, beyond=31.0)),
             "outline-on-pile",
             {"share": 0.4, "height_m": 0.5, "toe_m": 1.25},
-            "40% of the outline lie on the pile itself, 0.5 m off the ground: its toe is ",
+            "40% of the outline lies on the pile itself, 0.5 m off the ground: its toe is ",
         ),
         (
             Findings(on_pile=OnPile(0.4, 0.5, math.nan, beyond=31.0)),
             "outline-on-pile",
             {"share": 0.4, "height_m": 0.5, "toe_m": None},
-            "40% of the outline lie on the pile itself, 0.5 m off the ground: its toe is out ",
+            "40% of the outline lies on the pile itself, 0.5 m off the ground: its toe is out ",
         ),
         (
             Findings(on_pile=OnPile(across=0.2)),
             "outline-crosses-neighbour",
             {"share": 0.2},
-            "20% of the outline lie on another pile, a bank or plants",
+            "20% of the outline lies on another pile, a bank or plants",
         ),
         (
             Findings(layers=Layers(0.063, 2.57)),
@@ -124,5 +124,5 @@ def test_a_toe_that_leaves_out_less_than_the_uncertainty_is_not_told():
 def test_of_pits_it_is_the_edge():
     (notice,) = said(Findings(on_pile=OnPile(0.4, 0.5, 1.25, beyond=31.0)), net=-1.0)
     assert notice.startswith(
-        "40% of the outline lie on the pit itself, 0.5 m off the ground: its edge"
+        "40% of the outline lies on the pit itself, 0.5 m off the ground: its edge"
     )

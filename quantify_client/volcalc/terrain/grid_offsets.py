@@ -142,13 +142,16 @@ def _with_proposal(
     polygon: Union[Polygon, MultiPolygon],
     points: AreaPoints,
 ) -> AreaResult:
-    """Return the result with the outline to use instead, where its own is on a pile."""
-    told = {notice.code for notice in result.warnings if isinstance(notice, Notice)}
-    moved = _moved(polygon, first) if told & OUTLINE_ON_PILE else None
-    if moved is None or result.relief is None:
+    """Return the result with the outline to use instead, where its own is on a pile, and say so."""
+    notices = [one for one in result.warnings if isinstance(one, Notice)]
+    number = next((n for n, one in enumerate(notices) if one.code in OUTLINE_ON_PILE), None)
+    moved = None if number is None else _moved(polygon, first)
+    if number is None or moved is None or result.relief is None:
         return result
-    proposed = points.to_frame(moved).wkb
-    return replace(result, relief=replace(result.relief, proposal_wkb=proposed))
+    one = notices[number]
+    notices[number] = Notice.of(one.code, f"{one}, or take the one that is proposed", one.values)
+    relief = replace(result.relief, proposal_wkb=polygonal(points.to_frame(moved)).wkb)
+    return replace(result, warnings=tuple(notices), relief=relief)
 
 
 def _with_offsets(

@@ -32,12 +32,16 @@ def moved_to_toe(
 ) -> Polygon | MultiPolygon | None:
     """Return an outline with its stretches on piles moved beyond the toe, or None without any.
 
-    What stands beside the pile that is measured is left out.
+    What stands beside the pile that is measured is left out. None, too, where most of the toe is
+    out of sight: an outline that is moved in parts only would not be a better one.
 
     Parameters
     ----------
     cell : edge of a cell, metres.
     """
+    unseen = flanks.falls & ~flanks.seen
+    if 2.0 * flanks.rim.length[unseen].sum() > flanks.rim.length[flanks.falls].sum():
+        return None
     clear = np.where(flanks.falls, _CLEAR * cell, 0.0)
     way = _smooth(np.where(flanks.seen, flanks.way + clear, 0.0), flanks.rim)
     if not way.any():
@@ -94,10 +98,20 @@ def _plain(
         if part.intersects(polygon) and part.area > _LEAST_PART * opened.area
     ]
     whole = polygonal(shapely.union_all(parts).simplify(_BENDS * cell))
-    return None if whole.is_empty else whole
+    return None if whole.is_empty else polygonal(_without_pinholes(whole, cell))
+
+
+def _without_pinholes(whole: Polygon | MultiPolygon, cell: float) -> Polygon | MultiPolygon:
+    """Return an outline without the holes that are smaller than a cell."""
+    parts = [
+        Polygon(part.exterior, [ring for ring in part.interiors if Polygon(ring).area > cell**2])
+        for part in shapely.get_parts(whole)
+    ]
+    return MultiPolygon(parts)
 
 
 def polygonal(geometry: BaseGeometry) -> Polygon | MultiPolygon:
-    """Return the polygons of any geometry, without points and lines where parts touch."""
-    parts = [part for part in shapely.get_parts(geometry) if isinstance(part, Polygon)]
+    """Return the valid polygons of any geometry, without points and lines where parts touch."""
+    every = shapely.get_parts(shapely.get_parts(shapely.make_valid(geometry)))
+    parts = [part for part in every if isinstance(part, Polygon) and part.area > 0]
     return parts[0] if len(parts) == 1 else MultiPolygon(parts)

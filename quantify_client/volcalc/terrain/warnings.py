@@ -117,9 +117,9 @@ def _of_pile(found: OnPile, pit: bool, std: float) -> Iterator[Notice]:
         far = "out of sight" if out_of_sight else f"about {found.toe:.2g} m further out"
         yield Notice(
             "outline-on-pile",
-            f"{found.share:.0%} of the outline lie on the {what} itself, {abs(found.height):.2g} m "
-            f"off the ground: its {end} is {far}, and what lies between is not in the volume; draw "
-            f"the outline beyond the {end}",
+            f"{found.share:.0%} of the outline lies on the {what} itself, "
+            f"{abs(found.height):.2g} m off the ground: its {end} is {far}, and what lies between "
+            f"is not in the volume; draw the outline beyond the {end}",
             share=found.share,
             height_m=found.height,
             toe_m=None if out_of_sight else found.toe,
@@ -131,7 +131,7 @@ def _of_others(found: OnPile, pit: bool) -> Iterator[Notice]:
         other = "another pit" if pit else "another pile, a bank or plants"
         yield Notice(
             "outline-crosses-neighbour",
-            f"{found.across:.0%} of the outline lie on {other}, which is in the volume as far as "
+            f"{found.across:.0%} of the outline lies on {other}, which is in the volume as far as "
             "the outline goes; draw the outline between the two",
             share=found.across,
         )
@@ -141,7 +141,7 @@ def _of_walls(share: float, height: float) -> Iterator[Notice]:
     if share > _AT_WALL:
         yield Notice(
             "outline-at-wall",
-            f"{share:.0%} of the outline run along a wall or bank of about "
+            f"{share:.0%} of the outline runs along a wall or bank of about "
             f"{height:.2g} m: the base comes from the ground along the rest; draw the outline on "
             "the ground beyond it if it belongs to what is measured, as the walls of a pit do",
             share=share,
