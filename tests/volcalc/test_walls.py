@@ -214,3 +214,20 @@ def test_only_steps_are_walls_and_no_even_slope(slope, known):
         # A cell of n points, half of them 2 m up: 1 m over the square root of n.
         across = np.nanmax(error)
         assert 1.0 / np.sqrt(12) < across < 1.0 / np.sqrt(1.5)
+
+
+@pytest.mark.parametrize("height", [1.0, 2.0, 4.0])
+def test_ground_behind_a_curved_bank_is_left_out(height):
+    """Along a third of a round outline with many corners: its hull holds the pile."""
+
+    def bank(x, y):
+        r = np.hypot(x, y)
+        pile = np.clip(5.0 - 0.6 * r, 0, 2.5)
+        return pile + height * ((np.abs(np.arctan2(y, x)) < 1.0) & (r > 8.83))
+
+    result = measured(bank, Point(0, 0).buffer(8.63, 32), seed=3, count=70_000)
+    r = np.linspace(0, 25 / 3, 20_001)
+    ring = 2 * np.pi * r * np.clip(5.0 - 0.6 * r, 0, 2.5)
+    volume = float(ring.sum() * (r[1] - r[0]))
+    assert result.volume_m3 == pytest.approx(volume, rel=0.005)
+    assert codes(result)[0] == "outline-at-wall"

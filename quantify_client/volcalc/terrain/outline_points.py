@@ -123,7 +123,7 @@ class OutlinePoints:
     def _depth(self) -> FloatArray:
         """Cells inwards of the outline; minus infinity beside corners, beyond which is outside."""
         sharp = corners(self.rim)[:, None].astype(np.float64)
-        beside = along_rings(sharp, np.ones_like(sharp), self.rim.part)[:, 0] > 0.0
+        beside = along_rings(sharp, np.ones_like(sharp), self.rim)[:, 0] > 0.0
         return np.where(beside[self.beside], -np.inf, -self.off)
 
     @cached_property
@@ -148,13 +148,14 @@ class OutlinePoints:
         off = dz - (terms @ plane)[..., 0]
         return (off**2).sum(axis=1) / (_NEAREST - 3.0), (dx**2 + dy**2).mean(axis=1)
 
-    def strips(self, width: float, wanted: range) -> Strips:
+    def strips(self, width: float, wanted: range, along: int = ALONG) -> Strips:
         """Return mean heights in strips along the outline.
 
         Parameters
         ----------
         width : of each, in cells.
         wanted : numbers of strips, 0 for the one beside the outline, inwards below zero.
+        along : number of rim points over which each is averaged.
         """
         number = len(wanted)
         strip = np.floor(self.off / width) - wanted.start
@@ -169,8 +170,8 @@ class OutlinePoints:
             np.bincount(place, weight, size * number).astype(np.float64).reshape(-1, number)
             for weight in (None, z, z**2)
         )
-        mean, of_squares = (along_rings(v, count, self.rim.part) for v in (total, square))
-        held = ALONG * along_rings(count, np.ones_like(count), self.rim.part)
+        mean, of_squares = (along_rings(v, count, self.rim, along) for v in (total, square))
+        held = along * along_rings(count, np.ones_like(count), self.rim, along)
         # Typical of strips with enough points: a wall is in few of them.
         free = held - 1.0
         spread = (np.maximum(of_squares - mean**2, 0.0) * held / free)[free >= 2.0]

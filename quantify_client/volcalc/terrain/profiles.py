@@ -81,7 +81,7 @@ def raw_outwards(surface: AreaSurface, rim: Rim, steps: npt.NDArray[np.int64]) -
     z = _heights_at(surface, *_cells_outwards(surface, rim, steps))
     known = np.isfinite(z)
     level = float(np.nanmedian(z)) if known.any() else 0.0
-    return along_rings(np.where(known, z - level, 0.0), known.astype(np.float64), rim.part)
+    return along_rings(np.where(known, z - level, 0.0), known.astype(np.float64), rim)
 
 
 def outwards_of(
@@ -107,7 +107,7 @@ def outwards_of(
     ]
     over = z - ground.heights_beyond(*below).reshape(z.shape)
     known = np.isfinite(over)
-    return along_rings(np.where(known, over, 0.0), known.astype(np.float64), rim.part)
+    return along_rings(np.where(known, over, 0.0), known.astype(np.float64), rim)
 
 
 def _heights_at(
@@ -164,10 +164,10 @@ def at_outline(
     # Just outside are cubes that the outline does not cut.
     beside = (off >= 0.5 / cubes.factor) & (off <= 2.0 * STRIP)
     heights = [
-        along_rings(of_points(count * over, some), of_points(count, some), rim.part)[:, 0]
+        along_rings(of_points(count * over, some), of_points(count, some), rim)[:, 0]
         for some in (np.abs(off) <= STRIP, beside)
     ]
     one = np.ones((len(rim.x), 1))
-    held = ALONG * along_rings(of_points(count, beside), one, rim.part)[:, 0]
+    held = ALONG * along_rings(of_points(count, beside), one, rim)[:, 0]
     error = float(np.median(surface.noise.point)) / np.sqrt(np.maximum(held, 1.0))
     return heights[0], heights[1], np.asarray(error)

@@ -59,8 +59,7 @@ _MOST_FOLDS = 8
 #: Bends of less than this share of a cell are left out of an outline with very many corners.
 _FINEST = 0.05
 
-#: Points of the outline whose heights are averaged, at the same distance from it: one for each
-#: cell.
+#: Heights at the same distance from the outline are averaged over so many of its points.
 ALONG = 5
 
 #: Rim points whose planes are fitted at a time: the bound on memory.
@@ -374,14 +373,14 @@ def normals_of(rim: Rim) -> FloatArray:
     return normals
 
 
-def along_rings(total: FloatArray, count: FloatArray, part: npt.NDArray[np.int64]) -> FloatArray:
-    """Return means (M, K) over `ALONG` points along each ring, column by column; NaN of none."""
+def along_rings(total: FloatArray, count: FloatArray, rim: Rim, number: int = ALONG) -> FloatArray:
+    """Return means (M, K) over so many points along each ring, column by column; NaN of none."""
     found = np.full(total.shape, np.nan)
-    for number in np.unique(part):
-        ring = part == number
+    for part in np.unique(rim.part):
+        ring = rim.part == part
         sums, weights = (
-            ndimage.uniform_filter1d(v[ring], ALONG, axis=0, mode="wrap") for v in (total, count)
+            ndimage.uniform_filter1d(v[ring], number, axis=0, mode="wrap") for v in (total, count)
         )
-        some = weights > 0.5
+        some = weights * number > ALONG / 2.0
         found[ring] = np.where(some, sums / np.where(some, weights, 1.0), np.nan)
     return found

@@ -23,7 +23,7 @@ from .grid import CellWindow
 from .heights import CellHeights
 from .histogram import Cubes
 from .outline_points import OutlinePoints, corners
-from .rim import along_rings, normals_of, sample_rim
+from .rim import ALONG, along_rings, normals_of, sample_rim
 from .robust import MAD, SURE, robust_plane
 
 __all__ = [
@@ -104,11 +104,28 @@ class Steps(NamedTuple):
     edges : (M,) at which rim points the terrain steps up or down within two cells outwards.
     before : (M,) those of them that have a wall before them: the terrain rises first.
     lines : (ny, nx) cells on the straight lines through walls.
+    places : (M, 2) metres, so far outwards of each rim point that a wall is behind.
     """
 
     edges: _BOOLS
     before: _BOOLS
     lines: _BOOLS
+    places: FloatArray
+
+    def behind_walls(self, piece: IntArray, window: CellWindow) -> _BOOLS:
+        """Return which pieces (K,) are behind a wall where they are next to the outline, mostly.
+
+        Parameters
+        ----------
+        piece : (ny, nx) number of each cell's, 0 for none.
+        """
+        column, row = (np.floor(v).astype(np.int64) for v in window.in_cells(*self.places.T))
+        held = window.holds(row, column)
+        at = np.where(held, piece[np.where(held, row, 0), np.where(held, column, 0)], 0)
+        every, walled = (
+            np.bincount(at[some], minlength=int(piece.max()) + 1) for some in (at >= 0, self.before)
+        )
+        return np.asarray(2 * walled > every)
 
 
 def find_walls(heights: CellHeights, fraction: FloatArray, steps: Steps | None = None) -> Walls:
@@ -132,7 +149,7 @@ def find_walls(heights: CellHeights, fraction: FloatArray, steps: Steps | None =
     cut = steep if steps is None else steep | (steps.lines & ~inside)
     if not cut.any():
         return Walls(None, None, edges, before)
-    off = _cut_off(heights, z, inside, cut, SURE if walled else np.inf)
+    off = _cut_off(heights, z, inside, cut, steps if walled else None)
     if steps is not None:
         # Cells that the outline cuts beside a wall hold points of it.
         steep |= ndimage.binary_dilation(steps.lines, np.ones((3, 3))) & inside
@@ -140,15 +157,15 @@ def find_walls(heights: CellHeights, fraction: FloatArray, steps: Steps | None =
 
 
 def _cut_off(
-    heights: CellHeights, z: FloatArray, inside: _BOOLS, steep: _BOOLS, deviations: float
+    heights: CellHeights, z: FloatArray, inside: _BOOLS, steep: _BOOLS, steps: Steps | None
 ) -> _BOOLS:
     """Return the cells that are no ground of the area: what steep ones cut off, and these.
 
     Parameters
     ----------
     z : (ny, nx) heights with those of the nearest cells where there are none.
-    deviations : standard deviations of the ground about its plane that another piece of it may be
-        off, if they are less than a wall's height.
+    steps : with a wall before the outline; None without. With one a piece may be three standard
+        deviations of the ground off its plane, if they are less than a wall's height.
     """
     cell = heights.window.cell
     piece, number = ndimage.label(~steep & ~inside)
@@ -166,11 +183,13 @@ def _cut_off(
     seen = np.where(np.isfinite(heights.z), piece, 0)
     off_plane, scatter = _off_plane(z, seen == main)
     level = np.nan_to_num(ndimage.median(off_plane, seen, np.arange(number + 1)))
-    limit = min(deviations * scatter, WALL_CELLS * cell)
+    limit = WALL_CELLS * cell if steps is None else min(SURE * scatter, WALL_CELLS * cell)
     # What begins below an outline that touches little ground may be the ground that it is on.
     lost = np.where((near > 0) & ~mostly, level, np.abs(level)) > limit
     lost[[0, main]] = False
     beside = lost & (touching > 0)
+    if steps is not None:
+        beside &= ~steps.behind_walls(piece, heights.window)
     for k in np.flatnonzero(beside):
         # A straight line through a wall may cut its other side in two.
         same = beside & (np.abs(level - level[k]) <= limit)
@@ -200,7 +219,9 @@ def steps_beside(
         return None
     points = OutlinePoints.of(heights.window, inside, rim, cubes, _NEAR)
     at, edges, before = _edges(points)
-    return Steps(edges, before, _straight_on(points, at, before))
+    way = (_STRIP * _STRIPS + 1.0) * heights.window.cell
+    places = np.stack([rim.x, rim.y]) + way * normals_of(rim)
+    return Steps(edges, before, _straight_on(points, at, before), places.T)
 
 
 def _edges(points: OutlinePoints) -> tuple[FloatArray, _BOOLS, _BOOLS]:
@@ -209,7 +230,23 @@ def _edges(points: OutlinePoints) -> tuple[FloatArray, _BOOLS, _BOOLS]:
     Within two cells the terrain steps up or down more steeply than loose material. Before a wall it
     rises first over what it is at the outline. Either is so for long, or not at all.
     """
-    z, error = points.strips(_STRIP, range(-1, _STRIPS))
+    rim = points.rim
+    found = _steps(points, ALONG)
+    # Of an outline with many corners five points may be too short a way to see a wall.
+    along = 2 * round(ALONG * points.window.cell / float(np.median(rim.length)) / 2.0) + 1
+    if along > ALONG and not found[2].any():
+        found = _steps(points, along)
+    return found
+
+
+def _steps(points: OutlinePoints, along: int) -> tuple[FloatArray, _BOOLS, _BOOLS]:
+    """Return the steps and walls of `_edges`.
+
+    Parameters
+    ----------
+    along : number of rim points over which heights are averaged.
+    """
+    z, error = points.strips(_STRIP, range(-1, _STRIPS), along)
     step = np.nan_to_num(np.abs(z[:, _STEP:] - z[:, :-_STEP]))
     sure = step - SURE * np.hypot(error[:, _STEP:], error[:, :-_STEP])
     edges = (sure > _STEEPEST * _STEP * _STRIP * points.window.cell).any(axis=1)
@@ -219,12 +256,12 @@ def _edges(points: OutlinePoints) -> tuple[FloatArray, _BOOLS, _BOOLS]:
     up = (z[:, 1:] - z_low > SURE * np.hypot(error[:, 1:], error_low)).any(axis=1)
     at = (step.argmax(axis=1) + (_STEP - 1) / 2.0) * _STRIP
     # Around a corner means along the outline are of both of its sides, and tell nothing alone.
-    sharp = corners(points.rim)[:, None].astype(np.float64)
-    clear = along_rings(sharp, np.ones_like(sharp), points.rim.part)[:, 0] == 0.0
-    length, before = points.rim.length * clear, edges & up
+    rim, before = points.rim, edges & up
+    sharp = corners(rim)[:, None].astype(np.float64)
+    length = rim.length * (along_rings(sharp, np.ones_like(sharp), rim)[:, 0] == 0.0)
     for which in (edges, before):
-        for stretch in points.rim.stretches(which):
-            which[stretch] = length[stretch].sum() >= _LEAST_SHARE * points.rim.length.sum()
+        for stretch in rim.stretches(which):
+            which[stretch] = length[stretch].sum() >= _LEAST_SHARE * rim.length.sum()
     return np.asarray(at), edges, before
 
 
