@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import shapely
 from shapely import affinity
-from shapely.geometry import Point, box
+from shapely.geometry import Point, Polygon, box
 
 from quantify_client.types import Window
 from quantify_client.volcalc.terrain.accumulate import TerrainAccumulator
@@ -231,3 +231,16 @@ def test_ground_behind_a_curved_bank_is_left_out(height):
     volume = float(ring.sum() * (r[1] - r[0]))
     assert result.volume_m3 == pytest.approx(volume, rel=0.005)
     assert codes(result)[0] == "outline-at-wall"
+
+
+def test_an_outline_with_most_of_its_corners_at_one_place_is_no_matter():
+    """As tools write that union what they drew: a hundred times the same corner."""
+
+    def wall(x, y):
+        return np.where(x < 0, 2.0, 1.5 * np.clip(1 - np.hypot(x, y) / 6, 0, None))
+
+    plain = Point(0, 0).buffer(7, 16).intersection(box(0.2, -20, 20, 20))
+    ring = list(plain.exterior.coords)
+    crowded = Polygon([ring[0]] * 100 + [(x + 1e-9, y) for x, y in [ring[1]] * 200] + ring[2:])
+    one, other = (measured(wall, outline, count=20_000) for outline in (plain, crowded))
+    assert other.volume_m3 == pytest.approx(one.volume_m3, rel=0.01)

@@ -233,7 +233,8 @@ def _edges(points: OutlinePoints) -> tuple[FloatArray, _BOOLS, _BOOLS]:
     rim = points.rim
     found = _steps(points, ALONG)
     # Of an outline with many corners five points may be too short a way to see a wall.
-    along = 2 * round(ALONG * points.window.cell / float(np.median(rim.length)) / 2.0) + 1
+    spacing = float(rim.length.sum()) / len(rim.length)
+    along = 2 * round(ALONG * points.window.cell / spacing / 2.0) + 1
     if along > ALONG and not found[2].any():
         found = _steps(points, along)
     return found
