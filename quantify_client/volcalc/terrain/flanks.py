@@ -19,14 +19,11 @@ from .ground import Ground
 from .histogram import Cubes
 from .outline_points import OutlinePoints
 from .profiles import STRIP, at_outline, at_walls, ground_limit, outwards_of, raw_outwards
-from .rim import Rim
+from .rim import LEAST_SHARE, Rim
 from .robust import MAD, SURE
 from .surface import AreaSurface
 
 __all__ = ["NOT_ON_PILE", "Flanks", "OnPile", "find_flanks"]
-
-#: With more than this share of the outline on another pile that is told.
-_LEAST_SHARE = 0.05
 
 #: What goes up by a quarter of its height is something else; a dam that goes on does not.
 _RISE = 1.25
@@ -86,7 +83,7 @@ class OnPile(NamedTuple):
     @property
     def is_across(self) -> bool:
         """Whether the outline is on something else."""
-        return self.across > _LEAST_SHARE
+        return self.across > LEAST_SHARE
 
 
 NOT_ON_PILE = OnPile()
@@ -265,11 +262,10 @@ def _at_edges(surface: AreaSurface, on: _BOOLS, sign: float) -> tuple[_BOOLS, _B
 
     In pits neither is told: their walls are what is measured.
     """
-    edges, before = (
-        on & (np.zeros(len(on), dtype=bool) if some is None or sign < 0 else some)
-        for some in (surface.walls.edges, surface.walls.before)
-    )
-    return edges, before
+    steps = surface.walls.steps
+    if steps is None or sign < 0:
+        return np.zeros_like(on), np.zeros_like(on)
+    return on & steps.edges, on & steps.before
 
 
 def _well_inside(surface: AreaSurface, rim: Rim, reach: int) -> Flanks | None:
@@ -279,8 +275,8 @@ def _well_inside(surface: AreaSurface, rim: Rim, reach: int) -> Flanks | None:
     slope inside, and that is steep, and no step. No ground is predicted from such surroundings:
     heights are those over the lowest outwards of each point (of pits, over the highest).
     """
-    edges = surface.walls.edges
-    if edges is not None and 2.0 * rim.length[edges].sum() >= rim.length.sum():
+    steps = surface.walls.steps
+    if steps is not None and 2.0 * rim.length[steps.edges].sum() >= rim.length.sum():
         return None
     both = raw_outwards(surface, rim, np.arange(-reach, reach + 1))
     outer, inner = both[:, reach:], both[:, reach::-1]

@@ -22,7 +22,7 @@ from .heights import UPPER
 from .histogram import Cubes
 from .rim import ALONG, Rim, along_rings, normals_of
 
-__all__ = ["OutlinePoints", "Strips", "corners"]
+__all__ = ["OutlinePoints", "Strips", "beside_corners", "corners"]
 
 #: Roughness is the scatter of points about the plane through so many.
 _NEAREST = 8
@@ -122,9 +122,7 @@ class OutlinePoints:
     @cached_property
     def _depth(self) -> FloatArray:
         """Cells inwards of the outline; minus infinity beside corners, beyond which is outside."""
-        sharp = corners(self.rim)[:, None].astype(np.float64)
-        beside = along_rings(sharp, np.ones_like(sharp), self.rim)[:, 0] > 0.0
-        return np.where(beside[self.beside], -np.inf, -self.off)
+        return np.where(beside_corners(self.rim)[self.beside], -np.inf, -self.off)
 
     @cached_property
     def _inside(self) -> tuple[FloatArray, cKDTree]:
@@ -197,3 +195,9 @@ def corners(rim: Rim) -> _BOOLS:
         turn = (normals[:, ring] * np.roll(normals[:, ring], 1, axis=1)).sum(axis=0)
         sharp[ring] = turn < np.sqrt(0.5)
     return sharp
+
+
+def beside_corners(rim: Rim) -> _BOOLS:
+    """Return at which rim points (M,) means along the outline are of both sides of a corner."""
+    sharp = corners(rim)[:, None].astype(np.float64)
+    return np.asarray(along_rings(sharp, np.ones_like(sharp), rim)[:, 0] > 0.0)

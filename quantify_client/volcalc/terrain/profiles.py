@@ -141,8 +141,8 @@ def at_walls(surface: AreaSurface, rim: Rim, steps: npt.NDArray[np.int64]) -> _B
     row, column = _cells_outwards(surface, rim, steps)
     place = row.clip(0, window.ny - 1), column.clip(0, window.nx - 1)
     found: _BOOLS = np.asarray((walls.off & ~surface.inside)[place])
-    if walls.edges is not None and walls.before is not None:
-        found[walls.edges & ~walls.before] = False
+    if walls.steps is not None:
+        found[walls.steps.edges & ~walls.steps.before] = False
     return found
 
 

@@ -25,6 +25,7 @@ from .robust import MAD, plane_residuals, quantile, robust_plane_weights
 
 __all__ = [
     "ALONG",
+    "LEAST_SHARE",
     "Crossing",
     "Rim",
     "along_rings",
@@ -61,6 +62,9 @@ _FINEST = 0.05
 
 #: Heights at the same distance from the outline are averaged over so many of its points.
 ALONG = 5
+
+#: What is along less than this share of an outline is not told.
+LEAST_SHARE = 0.05
 
 #: Rim points whose planes are fitted at a time: the bound on memory.
 _AT_ONCE = 8_192

@@ -22,8 +22,8 @@ from ...types import FloatArray, IntArray
 from .grid import CellWindow
 from .heights import CellHeights
 from .histogram import Cubes
-from .outline_points import OutlinePoints, corners
-from .rim import ALONG, along_rings, normals_of, sample_rim
+from .outline_points import OutlinePoints, beside_corners, corners
+from .rim import ALONG, LEAST_SHARE, normals_of, sample_rim
 from .robust import MAD, SURE, robust_plane
 
 __all__ = [
@@ -51,10 +51,8 @@ _BESIDE = 4
 #: A wall rises by so many cells: more than the steepest slope does from one cell to the next.
 WALL_CELLS = _STEEPEST
 
-#: A wall beside the outline is a step over two of eight strips, a quarter of a cell wide each, and
-#: stands before this share of the outline or more, without a break.
+#: A wall beside the outline is a step over two of eight strips, a quarter of a cell wide each.
 _STRIP, _STRIPS, _STEP = 0.25, 8, 2
-_LEAST_SHARE = 0.05
 
 #: It is looked for where a cell near the outline is so many cells above one beside it: a wall of
 #: half a cell is, wherever the border of the two is.
@@ -74,26 +72,6 @@ _REACHES = 0.1
 _LEAST_CELLS = 12
 
 _BOOLS = npt.NDArray[np.bool_]
-
-
-class Walls(NamedTuple):
-    """Steep places, and what they cut off from the ground of an area.
-
-    Attributes
-    ----------
-    steep : (ny, nx) cells that are steeper than loose material; None without any.
-    off : (ny, nx) cells that are no ground of the area: what is behind walls, other levels, and the
-        walls themselves; None without any.
-    edges, before : see `Steps`; None for none.
-    """
-
-    steep: _BOOLS | None = None
-    off: _BOOLS | None = None
-    edges: _BOOLS | None = None
-    before: _BOOLS | None = None
-
-
-NO_WALLS = Walls()
 
 
 class Steps(NamedTuple):
@@ -128,6 +106,25 @@ class Steps(NamedTuple):
         return np.asarray(2 * walled > every)
 
 
+class Walls(NamedTuple):
+    """Steep places, and what they cut off from the ground of an area.
+
+    Attributes
+    ----------
+    steep : (ny, nx) cells that are steeper than loose material; None without any.
+    off : (ny, nx) cells that are no ground of the area: what is behind walls, other levels, and the
+        walls themselves; None without any.
+    steps : beside the outline; None where cells leave no room for one.
+    """
+
+    steep: _BOOLS | None = None
+    off: _BOOLS | None = None
+    steps: Steps | None = None
+
+
+NO_WALLS = Walls()
+
+
 def find_walls(heights: CellHeights, fraction: FloatArray, steps: Steps | None = None) -> Walls:
     """Return the walls around an area.
 
@@ -138,22 +135,21 @@ def find_walls(heights: CellHeights, fraction: FloatArray, steps: Steps | None =
     steps : from `steps_beside`.
     """
     cell, inside = heights.window.cell, fraction > 0
-    edges, before = (None, None) if steps is None else (steps.edges, steps.before)
-    walled = before is not None and bool(before.any())
+    walled = steps is not None and bool(steps.before.any())
     rises = (np.abs(np.diff(heights.z, axis=axis)) for axis in (0, 1))
     # Unknown heights compare as lower; across gaps there is a step only if there is one elsewhere.
     if not walled and not any((rise > _STEEPEST * cell).any() for rise in rises):
-        return Walls(None, None, edges, before)
+        return Walls(None, None, steps)
     z = _closed(heights.z)
     steep = _steep(z, cell)
     cut = steep if steps is None else steep | (steps.lines & ~inside)
     if not cut.any():
-        return Walls(None, None, edges, before)
+        return Walls(None, None, steps)
     off = _cut_off(heights, z, inside, cut, steps if walled else None)
     if steps is not None:
         # Cells that the outline cuts beside a wall hold points of it.
         steep |= ndimage.binary_dilation(steps.lines, np.ones((3, 3))) & inside
-    return Walls(steep, off if off.any() else None, edges, before)
+    return Walls(steep, off if off.any() else None, steps)
 
 
 def _cut_off(
@@ -258,11 +254,10 @@ def _steps(points: OutlinePoints, along: int) -> tuple[FloatArray, _BOOLS, _BOOL
     at = (step.argmax(axis=1) + (_STEP - 1) / 2.0) * _STRIP
     # Around a corner means along the outline are of both of its sides, and tell nothing alone.
     rim, before = points.rim, edges & up
-    sharp = corners(rim)[:, None].astype(np.float64)
-    length = rim.length * (along_rings(sharp, np.ones_like(sharp), rim)[:, 0] == 0.0)
+    length = rim.length * ~beside_corners(rim)
     for which in (edges, before):
         for stretch in rim.stretches(which):
-            which[stretch] = length[stretch].sum() >= _LEAST_SHARE * rim.length.sum()
+            which[stretch] = length[stretch].sum() >= LEAST_SHARE * rim.length.sum()
     return np.asarray(at), edges, before
 
 

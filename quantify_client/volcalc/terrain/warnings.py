@@ -11,14 +11,12 @@ from ...types import AreaResult, Notice
 from .coverage import FULL_SUPPORT
 from .flanks import NOT_ON_PILE, OnPile
 from .layers import NO_LAYERS, Layers
+from .rim import LEAST_SHARE
 
 __all__ = ["OUTLINE_ON_PILE", "Findings", "warnings_of"]
 
 #: The codes of warnings after which another outline is proposed.
 OUTLINE_ON_PILE = frozenset({"outline-on-pile", "outline-crosses-neighbour"})
-
-#: Above this share of the outline beside a wall there is a warning.
-_AT_WALL = 0.05
 
 #: There is a warning where the standard deviation of the base is more than this share of cut and
 #: fill.
@@ -138,7 +136,7 @@ def _of_others(found: OnPile, pit: bool) -> Iterator[Notice]:
 
 
 def _of_walls(share: float, height: float) -> Iterator[Notice]:
-    if share > _AT_WALL:
+    if share > LEAST_SHARE:
         yield Notice(
             "outline-at-wall",
             f"{share:.0%} of the outline runs along a wall or bank of about "
