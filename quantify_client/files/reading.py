@@ -109,14 +109,14 @@ def parsed_json(data: bytes, name: object, *, what: str, error: Type[QuantifyErr
         return json.loads(data)
     except RecursionError:
         raise error(
-            f"{name} is nested too deeply; expected {what}: choose another file, or get it once more"
+            f"{name} is nested too deeply; expected {what}: choose another, or get it once more"
         ) from None
     except UnicodeDecodeError:
         raise error(f"{name} is not in UTF-8; expected {what}: save it as UTF-8") from None
     except json.JSONDecodeError as fault:
         raise error(
             f"{name} is not valid JSON (line {fault.lineno}, column {fault.colno}: {fault.msg}); "
-            f"expected {what}: choose another file, or get it once more"
+            f"expected {what}: choose another, or get it once more"
         ) from None
     except ValueError as fault:  # an integer of thousands of digits
         raise error(f"{name} holds a number that is none ({fault}); expected {what}") from None
