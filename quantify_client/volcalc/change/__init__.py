@@ -1,0 +1,1 @@
+"""Change: one surface above another, both measured, and brought together on stable ground."""
