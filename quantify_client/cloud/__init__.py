@@ -15,6 +15,7 @@ from .ept.index import Fetch
 from .las.copc import open_las
 from .nodata import without_placeholders
 from .ply.cloud import PlyCloud
+from .raster import RasterCloud
 from .text import TextCloud
 from .tiles import TiledCloud, require_distinct
 
@@ -36,6 +37,8 @@ _READERS: Dict[str, Callable[[Path], Cloud]] = {
     ".csv": TextCloud,
     ".xyz": TextCloud,
     ".txt": TextCloud,
+    ".tif": RasterCloud,
+    ".tiff": RasterCloud,
 }
 SUFFIXES = tuple(_READERS)
 """The endings of the files that can be read (an EPT set is given by its ept.json)."""
@@ -51,9 +54,10 @@ def open_cloud(
 ) -> Cloud:
     """Open a point cloud: one file, or several tiles of one survey in any mix of formats.
 
-    LAS, LAZ, COPC and EPT are opened by their headers; PLY and text have no bounds in theirs and
-    are read once here. An ept.json that has a fetcher is the only file of its set that has to be
-    there. With `any_crs` tiles may name different CRSs: the user says in which they are.
+    LAS, LAZ, COPC and EPT are opened by their headers; PLY, text and GeoTIFF have no bounds
+    in theirs and are read once here. An ept.json that has a fetcher is the only file of its set
+    that has to be there. With `any_crs` tiles may name different CRSs: the user says in
+    which they are.
 
     Raises
     ------

@@ -114,8 +114,8 @@ _GIGABYTES = _number(float, 1e-9, 1e6, "a number of gigabytes above 0, up to 100
 _SOURCES = _value(
     "sources",
     "SOURCE",
-    ".laz .las .copc.laz .ply .csv .xyz .txt, an ept.json, an ODM project folder, an all.zip, the "
-    "address of a WebODM task, or several tiles of one survey",
+    ".laz .las .copc.laz .ply .csv .xyz .txt, a DSM as .tif, an ept.json, an ODM project folder, "
+    "an all.zip, the address of a WebODM task, or several tiles of one survey",
     nargs="+",
 )
 _MEASURING = [_option(name) for name, option in OPTIONS.items() if option.help]

@@ -9,7 +9,8 @@ reader that opens files through such a library (GDAL, by pyogrio or rasterio):
   not, the beginning of the file fits no other driver (:func:`require_signature`);
 - the library sees a copy, alone in a folder with the files that belong to it
   (:func:`private_copy`): no link leads elsewhere, nothing changes while it is read, and nothing
-  is written beside the user's file.
+  is written beside the user's file. A raster may be too large for a copy: it is read in place,
+  and GDAL told that the folder is empty (:mod:`quantify_client.cloud.raster`).
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ _SIGNATURES = {
     ".shp": (b"\x00\x00\x27\x0a",),
     ".gpkg": (b"SQLite format 3\x00",),
     ".fgb": (b"fgb\x03fgb\x00", b"fgb\x03fgb\x01"),
-    ".tif": (b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+"),
+    **dict.fromkeys((".tif", ".tiff"), (b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")),
 }
 
 #: What is often found in place of a file, by its beginning in lower case.
@@ -127,13 +128,18 @@ def count_values(data: bytes) -> int:
     return sum(map(data.count, (b",", b"[", b"{")))
 
 
-def require_signature(path: Path, data: bytes, error: Type[InputError]) -> None:
-    """Raise `error` when a file does not begin as its ending says."""
+def require_signature(
+    path: Path, data: bytes, error: Type[InputError], instead: str = "as GeoJSON"
+) -> None:
+    """Raise `error` when a file does not begin as its ending says.
+
+    `instead` says as what else it may be given.
+    """
     ending = path.suffix.lower()
     if not data.startswith(_SIGNATURES[ending]):
         raise error(
             f"{path.name} is not a {ending} file: its first bytes are {data[:12]!r}; expected "
-            "those of the format that its ending names: export it again, or as GeoJSON"
+            f"those of the format that its ending names: export it again, or {instead}"
         )
 
 

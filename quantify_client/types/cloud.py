@@ -135,8 +135,8 @@ class CloudInfo:
     Attributes
     ----------
     sources : the files, in the order in which they are read.
-    format : ``"las"``, ``"laz"``, ``"copc"``, ``"ply"``, ``"text"``, ``"ept"``, or
-        ``"mixed"``.
+    format : ``"las"``, ``"laz"``, ``"copc"``, ``"ply"``, ``"text"``, ``"geotiff"``,
+        ``"ept"``, or ``"mixed"``.
     point_count : number of points the headers promise, or None where only reading tells (text).
     bounds : from the headers, in the cloud's own units, or None where only reading tells.
     crs : WKT, PROJ string or ``EPSG:n``; None when the cloud does not say.

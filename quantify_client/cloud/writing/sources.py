@@ -93,6 +93,11 @@ def open_sources(path: Path) -> List[PointSource]:
         return [_of_binary_ept(index)]
     if path.suffix.lower() in (".las", ".laz"):
         return [_of_las(read_layout(path))]
+    if path.suffix.lower() in (".tif", ".tiff"):
+        raise CloudError(
+            f"{path}: is a raster, which has no points to move; expected a point cloud: scale "
+            "the cloud that it was made from"
+        )
     return [_of_ply(path) if path.suffix.lower() == ".ply" else _of_text(path)]
 
 

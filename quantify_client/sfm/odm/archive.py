@@ -170,8 +170,9 @@ def _choose(path: Path, members: Sequence[zipfile.ZipInfo]) -> zipfile.ZipInfo:
         found = [m for m in inside if tuple(_parts(m)[-2:]) == (GEOREFERENCING, name)]
         if found:
             return _only(path, found)
-    # Text files are none: ODM's outputs carry notes (task_output.txt, proj.txt).
-    suffixes = set(SUFFIXES) - {".txt"}
+    # Text files are none: ODM's outputs carry notes (task_output.txt, proj.txt). Rasters and
+    # photographs have the same ending.
+    suffixes = set(SUFFIXES) - {".txt", ".tif", ".tiff"}
     clouds = [m for m in files if Path(_parts(m)[-1]).suffix.lower() in suffixes]
     if clouds and not any(part.startswith("odm_") for m in files for part in _parts(m)):
         return _only(path, clouds)
