@@ -128,6 +128,7 @@ _UNITS = Argument(
 _REPORT = _in(
     "output",
     _path("--out", "DIR", "report, slices, polygons and pictures go here"),
+    _flag("--rasters", "with --out: surface, base, difference and sigma of each area as GeoTIFF"),
     _JSON,
     _UNITS,
 )

@@ -7,9 +7,11 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
 
+from ..errors import UsageError
 from ..options import OPTIONS, proposes
 from ..pipeline.run import describe, measure
 from ..report.document.measurement import to_json
+from ..report.rasters import require_rasterio
 from ..report.wording.words import coordinate_rows, printable
 from ..report.write import require_writable, write_report
 from ..types import AreaFailure, Measurement, plain, warnings_json
@@ -65,6 +67,10 @@ def inputs_of(given: argparse.Namespace) -> List[Union[str, Path, None]]:
 
 def _require_out(given: argparse.Namespace, inputs: Sequence[Union[str, Path, None]] = ()) -> None:
     """Find out before a long measurement, not after it, that the report has no place to go."""
+    if given.rasters:
+        if given.out is None:
+            raise UsageError("--rasters has no place to go; give a folder with --out")
+        require_rasterio()
     if given.out is not None:
         require_writable(given.out, inputs)
 
@@ -75,7 +81,9 @@ def deliver(measurement: Measurement, out: Optional[Path], given: argparse.Names
     if out is not None:
         with stages() as progress:
             progress("drawing", 0.0)
-            written = write_report(measurement, out, units=given.units)
+            written = write_report(
+                measurement, out, units=given.units, rasters=getattr(given, "rasters", False)
+            )
             progress("drawing", 1.0)
     for warning in measurement.warnings:
         if given.json and getattr(warning, "code", "") == "objects-not-measured":

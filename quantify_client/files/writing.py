@@ -45,6 +45,7 @@ _MARKS = re.compile(
     rb'|<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<meta http-equiv="'
     rb"Content-Security-Policy\" content=\"default-src 'none'; img-src data:; style-src "
     rb"'unsafe-inline'"
+    rb"|II[*+]\0.*quantify-client\0"  # GeoTIFF, TIFFTAG_SOFTWARE
     rb"|LASF.{54}quantify-client\0"
     rb"|[^\n]+\n# quantify-client\n"  # gcp_list.txt, whose second line may be a comment
     rb"|PK\x03\x04.{6}\0\0\x21\0.{16}volcalc/__init__\.py",  # the plugin, dated 1980

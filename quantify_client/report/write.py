@@ -15,17 +15,25 @@ from ..types import AreaResult, Measurement, Scaled
 from .document.geojson import to_geojson
 from .document.measurement import to_json
 from .document.slices_csv import write_slices
+from .rasters import raster_bytes, rasters_of, require_rasterio
 from .wording.units import Units, display_units, ground_units, named_units
 from .wording.words import printable, slug
 
 __all__ = ["require_writable", "write_report", "write_scale_page", "write_scale_report"]
 
-OUR_PICTURES = re.compile(r"(area-\d{2,}-[a-z0-9-]+|overview|scale)(-\d+)?\.png")
+OUR_PICTURES = re.compile(
+    r"(area-\d{2,}-[a-z0-9-]+|overview|scale)(-\d+)?\.png"
+    r"|area-\d{2,}-[a-z0-9-]+-(surface|base|difference|sigma)(-\d+)?\.tif"
+)
 FILES = ("report.json", "slices.csv", "areas.geojson", "report.html")
 
 
 def write_report(
-    measurement: Measurement, out: Union[str, Path], *, units: str = "metric"
+    measurement: Measurement,
+    out: Union[str, Path],
+    *,
+    units: str = "metric",
+    rasters: bool = False,
 ) -> List[Path]:
     """Write report.json, slices.csv, areas.geojson, the pictures and report.html into a folder.
 
@@ -34,12 +42,16 @@ def write_report(
     measured: where one has the name of a file of the report, nothing is written.
 
     `out` is made when missing; `units` of what people read is ``"metric"`` or ``"us"``.
+    With `rasters` surface, base, difference and sigma of each area of terrain are written as
+    GeoTIFFs, too, which needs rasterio.
 
     Returns
     -------
     The files. Raises OutputError when the folder cannot be written, MissingExtraError when there is
     no matplotlib.
     """
+    if rasters:
+        require_rasterio()
     shown = display_units(measurement, units)
     out = Path(out)
     about = measurement.provenance
@@ -48,6 +60,7 @@ def write_report(
     files = [path for path in inputs if isinstance(path, str)]
     with _folder_explained(out), staging(out, make=True) as working:
         names = _write_all(measurement, working, shown)
+        names += _write_rasters(measurement, working) if rasters else []
         put_in_place(working, names, files, outdated=OUR_PICTURES)
     return [out / name for name in names]
 
@@ -150,14 +163,27 @@ def _write_all(measurement: Measurement, working: Path, units: Units) -> List[st
     return ["report.json", "slices.csv", "areas.geojson", *drawn, "report.html"]
 
 
+def _write_rasters(measurement: Measurement, working: Path) -> List[str]:
+    """Write the GeoTIFFs of all areas of terrain; return their names."""
+    names = []
+    for index, result in enumerate(measurement.results):
+        if isinstance(result, AreaResult) and result.relief is not None:
+            for kind, values in rasters_of(result.relief).items():
+                stem = f"area-{index + 1:02d}-{slug(result.name)}-{kind}"
+                path = _free(working, stem, ".tif")
+                path.write_bytes(raster_bytes(values, kind, result.relief, measurement.frame))
+                names.append(path.name)
+    return names
+
+
 def _write_json(path: Path, document: object) -> None:
     text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
     path.write_text(text + "\n", encoding="utf-8")
 
 
-def _free(working: Path, stem: str) -> Path:
-    """Return a path for a picture whose name is not taken by a file of others."""
-    names = (f"{stem}{more}.png" for more in ("", *(f"-{number}" for number in range(2, 1000))))
+def _free(working: Path, stem: str, ending: str = ".png") -> Path:
+    """Return a path for a picture or raster whose name is not taken by a file of others."""
+    names = (f"{stem}{more}{ending}" for more in ("", *(f"-{number}" for number in range(2, 1000))))
     beside = working.parent
     free = (n for n in names if not os.path.lexists(beside / n) or is_ours(beside / n))
     return working / next(free)

@@ -145,6 +145,8 @@ class Relief:
     measured : (ny, nx) bool, True where points support the cell, False where it was interpolated.
     polygon_wkb : the area in the measuring frame, as WKB.
     proposal_wkb : likewise, the outline to use instead where the area's own is on a pile.
+    sigma_m : (ny, nx) float64, standard deviation of each cell's height above the base, of its
+        noise and of the base where that of the ground is known; NaN outside the area.
     """
 
     min_x: float
@@ -156,6 +158,7 @@ class Relief:
     measured: npt.NDArray[np.bool_]
     polygon_wkb: bytes
     proposal_wkb: Optional[bytes] = None
+    sigma_m: Optional[FloatArray] = None
 
 
 @dataclass(frozen=True)

@@ -331,7 +331,22 @@ def _relief(volume: CutFill, points: AreaPoints) -> Relief:
         surface.fraction,
         surface.measured,
         points.to_frame(surface.polygon).wkb,
+        sigma_m=_sigma(volume),
     )
+
+
+def _sigma(volume: CutFill) -> FloatArray:
+    """Return the standard deviation of each cell's height above the base, (ny, nx) metres.
+
+    Of the noise of the cell and, where the base stands for ground, of the predicted ground.
+    """
+    surface, known = volume.surface, np.isfinite(volume.r)
+    square = np.broadcast_to(surface.noise.cell, known.shape) ** 2
+    if volume.ground is not None and isinstance(volume.base.name, str):
+        square = square.copy()
+        places = surface.heights.window.middles(known)
+        square[known] += np.maximum(volume.ground.variance(*places), 0.0)
+    return np.where(known, np.sqrt(square), np.nan)
 
 
 def _surface_area(surface: AreaSurface) -> float:

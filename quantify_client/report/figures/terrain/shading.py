@@ -48,6 +48,7 @@ def coarse(relief: Relief, largest: int) -> Relief:
         elevation_m=block_mean(relief.elevation_m, factor),
         above_base_m=block_mean(relief.above_base_m, factor),
         fraction=np.nan_to_num(block_mean(relief.fraction, factor)),
+        sigma_m=None,
         measured=block_mean(relief.measured.astype(np.float64), factor) >= 0.5,
     )
 
