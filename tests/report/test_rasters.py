@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 import rasterio
-from clouds import write_text
+from clouds import write_las, write_text
 from commands import UTM, features
-from terrains import CLEAN, EAST, LEVEL, NORTH, cone, flat, survey
+from terrains import CLEAN, EAST, LEVEL, NORTH, Errors, cone, flat, survey
 
 from quantify_client import measure, write_report
 from quantify_client.files.writing import is_ours
@@ -66,3 +66,17 @@ def test_rasters_need_rasterio_and_a_folder(tmp_path, monkeypatch, capsys):
     assert main(["volume", "no.laz", "--rasters", "--out", str(tmp_path / "o")]) != 0
     assert "--rasters needs rasterio" in capsys.readouterr().err
     assert not (tmp_path / "o").exists()
+
+
+def test_sigma_is_how_far_heights_are_from_the_truth(tmp_path):
+    """Of a known pile under known noise: cells are off by sigma, as root mean square."""
+    pile = cone(radius=5.0, top=4.0).on(flat)
+    points = survey(pile.height, Errors(0.05, 0.0), 60_000)
+    (tmp_path / "areas.geojson").write_text(features(pile.area))
+    cloud = write_las(tmp_path / "a.laz", points, crs=UTM)
+    relief = measure(cloud, area=tmp_path / "areas.geojson", grid=True).results[0].relief
+    whole = relief.fraction == 1
+    row, column = (at + 0.5 for at in np.nonzero(whole))
+    x, y = relief.min_x + column * relief.cell_m, relief.min_y + row * relief.cell_m
+    error = relief.above_base_m[whole] - pile.feature(x - EAST, y - NORTH)
+    assert np.sqrt(np.mean((error / relief.sigma_m[whole]) ** 2)) == pytest.approx(1, abs=0.15)
