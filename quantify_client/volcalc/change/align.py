@@ -225,7 +225,7 @@ def _solved(surfaces: Surfaces, start: Motion) -> Optional[_Solution]:
     x, y = surfaces.places()
     x, y = x - motion.centre[0], y - motion.centre[1]
     slope_north, slope_east = np.gradient(surfaces.reference, cell)
-    extent, solution = float(max(np.ptp(x), np.ptp(y), cell)), None
+    extent, solution = max(float(np.ptp(x)), float(np.ptp(y)), cell), None
     for _ in range(_ROUNDS):
         moved = moving.shifted(motion.shift[0] / cell, motion.shift[1] / cell)
         north, east = np.gradient(moved, cell)
