@@ -24,7 +24,7 @@ export class AreaEditor {
   constructor(map, onChange) {
     this.map = map;
     this.onChange = onChange;
-    this.areas = []; // [{name, rings: [[[lon, lat], ...], ...]}], outline first, then holes
+    this.areas = []; // [{name, rings: [[[lon, lat], ...], ...], found}], outline first, then holes
     this.open = null; // the ring being drawn: {area, ring: [[lon, lat], ...]}; area null for a new one
     this.selected = null; // {area, ring, point}
     this.history = [];

@@ -74,38 +74,49 @@ export function fault(rings) {
   return null;
 }
 
-/** Drawn areas, [{name, rings}], as GeoJSON. */
+/** Areas, [{name, rings, found}], as GeoJSON. An outline that was found and then edited is a drawn one. */
 export function toGeoJSON(areas) {
   return {
     type: "FeatureCollection",
-    features: areas.map(({ name, rings }) => ({
+    features: areas.map(({ name, rings, found }) => ({
       type: "Feature",
-      properties: name ? { name } : {},
+      properties: propertiesOf(name, found && found.outline === JSON.stringify(rings) ? found.pile : null),
       geometry: { type: "Polygon", coordinates: rings.map((ring) => [...ring, ring[0]]) },
     })),
   };
 }
 
-/** The polygons of a GeoJSON object as areas, [{name, rings}]; "area-1" is what has no name. */
+/**
+ * The polygons of a GeoJSON object as areas, [{name, rings, found}]; "area-1" is what has no name.
+ * `found` says of a pile that nobody drew what is known of it, and its outline as it was found.
+ */
 export function toAreas(geojson) {
-  return featuresOf(geojson).flatMap(({ name, geometry }) => {
+  return featuresOf(geojson).flatMap(({ name, pile, geometry }) => {
     const parts = geometry.type === "Polygon" ? [geometry.coordinates] : geometry.coordinates;
-    return parts.map((rings) => ({
-      name: /^area-\d+$/.test(name) ? "" : name,
-      rings: rings.map((ring) => ring.slice(0, -1).map(([lon, lat]) => [lon, lat])),
-    }));
+    return parts.map((part) => {
+      const rings = part.map((ring) => ring.slice(0, -1).map(([lon, lat]) => [lon, lat]));
+      const area = { name: /^area-\d+$/.test(name) ? "" : name, rings };
+      const found = pile && parts.length === 1 ? { pile, outline: JSON.stringify(rings) } : null;
+      return found ? { ...area, found } : area;
+    });
   });
+}
+
+function propertiesOf(name, pile) {
+  return { ...(name ? { name } : {}), ...pile };
 }
 
 function featuresOf(geojson) {
   if (geojson.type === "FeatureCollection") return (geojson.features || []).flatMap(featuresOf);
   if (geojson.type === "Feature") {
-    const { name, kind, proposed } = geojson.properties || {};
+    const { name, kind, proposed, height_m, outline_std_m3 } = geojson.properties || {};
     // Of what was found besides piles, and of outlines that were only proposed, nothing is measured.
     if (proposed && kind !== "pile") return [];
-    return geojson.geometry
-      ? featuresOf(geojson.geometry).map((f) => ({ ...f, name: typeof name === "string" ? name : "" }))
-      : [];
+    const said = {
+      name: typeof name === "string" ? name : "",
+      pile: proposed ? { proposed, kind, height_m, outline_std_m3 } : null,
+    };
+    return geojson.geometry ? featuresOf(geojson.geometry).map((f) => ({ ...f, ...said })) : [];
   }
   if (geojson.type === "GeometryCollection") return (geojson.geometries || []).flatMap(featuresOf);
   const isArea = geojson.type === "Polygon" || geojson.type === "MultiPolygon";
@@ -136,9 +147,9 @@ export function readAreas(text, limits) {
   }
   const geojson = {
     type: "FeatureCollection",
-    features: features.map(({ name, geometry: { type, coordinates } }) => ({
+    features: features.map(({ name, pile, geometry: { type, coordinates } }) => ({
       type: "Feature",
-      properties: name ? { name } : {},
+      properties: propertiesOf(name, pile),
       geometry: { type, coordinates },
     })),
   };
