@@ -7,6 +7,7 @@ Every message is one line that holds what was found, what was expected, and the 
     |   +-- CloudError               a point cloud or the archive around it
     |   +-- AreaError                a polygon or the file around it
     |   +-- CrsError                 a coordinate reference system or a unit
+    |   +-- DesignError              a design surface, or the file around it
     |   +-- SupportError             too few points under an area
     |   +-- ControlError             a control file, or what it says of a cloud
     |   +-- UsageError               options that contradict each other
@@ -25,6 +26,7 @@ __all__ = [
     "CloudError",
     "ControlError",
     "CrsError",
+    "DesignError",
     "InputError",
     "JobError",
     "MissingExtraError",
@@ -55,6 +57,10 @@ class AreaError(InputError):
 
 class CrsError(InputError):
     """A coordinate reference system or a unit is missing, unknown or does not fit."""
+
+
+class DesignError(InputError):
+    """A design surface, or the file that should hold it, cannot be used."""
 
 
 class SupportError(InputError):

@@ -1,0 +1,1 @@
+"""Design surfaces: triangles from LandXML and DXF."""
