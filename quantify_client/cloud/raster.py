@@ -16,7 +16,7 @@ from typing import Any, Iterator, Optional, Tuple
 import numpy as np
 import numpy.typing as npt
 
-from ..crs.statements import MergedStatements, merge_statements
+from ..crs.statements import MergedStatements, Statement, merge_statements
 from ..crs.wkt import statement_of_wkt
 from ..errors import CloudError, MissingExtraError
 from ..files.reading import real_path, require_signature
@@ -29,6 +29,7 @@ from .base import (
     measurable,
     naming,
     require_few_damaged,
+    scale_warnings,
 )
 
 AGAIN = "expected a complete GeoTIFF: copy, download or export it again"
@@ -39,6 +40,7 @@ _ALONE = {
     "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR",  # no .ovr, .msk, .tfw beside it
     "GDAL_PAM_ENABLED": "NO",  # no .aux.xml
     "GTIFF_VIRTUAL_MEM_IO": "NO",  # never mapped into memory
+    "GTIFF_REPORT_COMPD_CS": "YES",  # heights, whatever the version of the keys
 }
 #: What GDAL and others write as the unit of a band, in lower case: its name, metres.
 _UNITS = {
@@ -60,8 +62,16 @@ class RasterCloud:
             require_signature(path, stream.read(16), CloudError, "as LAZ")
         with _opened(path) as raster:
             _require_elevations(path, raster)
+            _require_place(path, raster)
             stated = _crs_of(raster)
+            whole = np.dtype(raster.dtypes[0]).kind in "iu"
+            steps = (0.0, 0.0, abs(raster.scales[0]) if whole else 0.0)
         count, bounds = count_and_bounds(self.chunks())
+        if bounds is None:
+            raise CloudError(
+                f"{path}: holds no heights, all of its pixels are nodata; expected elevations: "
+                "export it again"
+            )
         self.info = CloudInfo(
             sources=(str(path),),
             format="geotiff",
@@ -69,8 +79,9 @@ class RasterCloud:
             bounds=bounds,
             crs=stated.crs,
             crs_origin=stated.origin,
-            warnings=stated.warnings,
+            warnings=(*stated.warnings, *scale_warnings(path, steps, bounds, count)),
             crs_parts=stated.parts,
+            steps=steps,
         )
 
     def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
@@ -90,11 +101,21 @@ class RasterCloud:
 def _opened(path: Path) -> Iterator[Any]:
     """Open a GeoTIFF with rasterio, and nothing beside it."""
     rasterio = _rasterio(path)
-    with naming(path, AGAIN), warnings.catch_warnings(), rasterio.Env(**_ALONE):
+    with _explained(path), warnings.catch_warnings(), rasterio.Env(**_ALONE):
         warnings.simplefilter("ignore")  # that it has no place, which is told below
         raster = rasterio.open(str(real_path(path)), driver="GTiff")
     with raster:
         yield raster
+
+
+@contextmanager
+def _explained(path: Path) -> Iterator[None]:
+    """Turn errors of rasterio, whose causes say more than they do, into CloudErrors."""
+    with naming(path, AGAIN):
+        try:
+            yield
+        except OSError as fault:
+            raise OSError(str(fault.__cause__ or fault)) from fault
 
 
 def _rasterio(path: Path) -> Any:
@@ -109,7 +130,7 @@ def _rasterio(path: Path) -> Any:
 
 
 def _require_elevations(path: Path, raster: Any) -> None:
-    """Raise CloudError for what is no raster of heights with a place, or is too large."""
+    """Raise CloudError for what is no band of heights."""
     kinds = [kind.name for kind in raster.colorinterp]
     if raster.count > 2 or (raster.count == 2 and kinds[1] != "alpha"):
         raise CloudError(
@@ -121,6 +142,21 @@ def _require_elevations(path: Path, raster: Any) -> None:
             f"{path}: its band has {kinds[0]} values of type {raster.dtypes[0]}; expected "
             "elevations: give the DSM or DTM"
         )
+    scale, offset = raster.scales[0], raster.offsets[0]
+    if np.dtype(raster.dtypes[0]).itemsize == 1 and scale == 1.0:
+        raise CloudError(
+            f"{path}: holds an image of 8 bits, as a hillshade is; expected elevations: give the "
+            "DSM or DTM itself"
+        )
+    if not np.isfinite([scale, offset]).all() or not scale:
+        raise CloudError(
+            f"{path}: its heights have scale {scale} and offset {offset}; expected numbers, and "
+            "no scale 0: export it again"
+        )
+
+
+def _require_place(path: Path, raster: Any) -> None:
+    """Raise CloudError for a raster without a place, or one that is too large."""
     turn = _matrix(raster)
     if (turn == np.eye(3)).all() or not np.isfinite(turn).all() or not np.linalg.det(turn):
         raise CloudError(
@@ -147,10 +183,10 @@ def _matrix(raster: Any) -> FloatArray:
 
 def _crs_of(raster: Any) -> MergedStatements:
     """Return what the GeoTIFF keys say, and the unit of the band where they say none of heights."""
-    if not raster.crs:
-        return MergedStatements()
-    said = statement_of_wkt(raster.crs.to_wkt(), "GeoTIFF keys")
     unit = _UNITS.get(str(raster.units[0] or "").strip().lower())
+    said = Statement("unit of the band")
+    if raster.crs:
+        said = statement_of_wkt(raster.crs.to_wkt(), "GeoTIFF keys")
     if unit is not None:
         said = replace(said, height_unit=unit, places={"vertical unit": "unit of the band"})
     return merge_statements([said])
@@ -196,11 +232,16 @@ def _points(
 
     first, last, left, right = part
     window = ((first, last), (left, right))
-    with naming(path, AGAIN), rasterio.Env(**_ALONE):
+    with _explained(path), rasterio.Env(**_ALONE):
         raw = raster.read(1, window=window)
         valid = raster.read_masks(1, window=window) > 0
         if raster.count == 2:
             valid &= raster.read(2, window=window) > 0
+        if raster.nodata is None:
+            _require_blocks(path, raster, part)
+    if raster.nodata is not None:  # a mask in the file goes before it
+        with np.errstate(over="ignore", invalid="ignore"):
+            valid &= raw != np.float64(raster.nodata).astype(raw.dtype)
     z = raw.astype(np.float64) * raster.scales[0] + raster.offsets[0]
     valid &= ~np.isnan(z)
     turn = raster.transform
@@ -208,6 +249,19 @@ def _points(
     x = turn.a * column + turn.b * row + turn.c
     y = turn.d * column + turn.e * row + turn.f
     return x.ravel(), y.ravel(), z.ravel(), valid.ravel()
+
+
+def _require_blocks(path: Path, raster: Any, part: Pixels) -> None:
+    """Raise CloudError where a block was never written: it would be read as heights of 0."""
+    first, last, left, right = part
+    rows, columns = raster.block_shapes[0]
+    for down in range(first // rows, -(-last // rows)):
+        for across in range(left // columns, -(-right // columns)):
+            if raster.get_tag_item(f"BLOCK_OFFSET_{across}_{down}", "TIFF", bidx=1) is None:
+                raise CloudError(
+                    f"{path}: its block {across}, {down} was never written, and it has no value "
+                    "for nodata; expected a complete GeoTIFF: export it again, or set the value"
+                )
 
 
 def _chunk(x: FloatArray, y: FloatArray, z: FloatArray, valid: npt.NDArray[np.bool_]) -> Chunk:

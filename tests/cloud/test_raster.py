@@ -109,6 +109,11 @@ def test_files_beside_it_are_not_read(tmp_path):
     with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=False), rasterio.open(path, "r+") as out:
         out.write_mask(np.zeros(out.shape, bool))
     assert (tmp_path / "a.tif.msk").exists()
+    (tmp_path / "a.tif.aux.xml").write_text(
+        "<PAMDataset><GeoTransform>0, 1, 0, 0, 0, -1</GeoTransform><PAMRasterBand band='1'>"
+        "<NoDataValue>100</NoDataValue><Offset>50</Offset></PAMRasterBand></PAMDataset>"
+    )
+    (tmp_path / "a.tfw").write_text("9\n0\n0\n-9\n1\n1\n")
     assert (read_all(open_cloud([path])) == before).all()
 
 
@@ -136,3 +141,48 @@ def test_without_rasterio_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "rasterio", None)
     with pytest.raises(MissingExtraError, match=r"needs rasterio.*\[raster\]"):
         open_cloud([path])
+
+
+def test_pixels_that_are_no_heights_are_refused(tmp_path):
+    z, place = dsm(4.0)
+    name = tmp_path / "a.tif"
+    for path, said in (
+        (write_tif(tmp_path / "shade.tif", z.astype(np.uint8), place), "image of 8 bits"),
+        (write_tif(tmp_path / "void.tif", z * 0 - 9, place, nodata=-9), "all of its pixels"),
+        (write_tif(tmp_path / "flat.tif", z, place, scales=[0.0]), "scale 0.0"),
+    ):
+        with pytest.raises(CloudError, match=said):
+            open_cloud([path])
+    about = {"width": 64, "height": 64, "count": 1, "dtype": "float32", "crs": UTM}
+    tiles = {"tiled": True, "blockxsize": 32, "blockysize": 32, "sparse_ok": True}
+    for nodata in (None, -9.0):
+        with rasterio.open(
+            name, "w", "GTiff", transform=place, nodata=nodata, **about, **tiles
+        ) as out:
+            out.write(np.full((32, 32), 7.0, np.float32), 1, window=((0, 32), (0, 32)))
+        if nodata is None:
+            with pytest.raises(CloudError, match="block 1, 0 was never written"):
+                open_cloud([name])
+    assert sum(map(len, open_cloud([name]).chunks())) == 32 * 32
+
+
+def test_a_mask_in_the_file_and_nodata_count_both(tmp_path):
+    z = np.arange(16, dtype=np.float32).reshape(4, 4)
+    path = write_tif(tmp_path / "a.tif", z, Affine(1, 0, EAST, 0, -1, NORTH), nodata=5)
+    with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=True), rasterio.open(path, "r+") as out:
+        out.write_mask(z < 12)
+    (chunk,) = open_cloud([path]).chunks()
+    assert chunk.z.tolist() == [0, 1, 2, 3, 4, 6, 7, 8, 9, 10, 11]
+
+
+def test_the_unit_of_heights_is_found_and_whole_metres_are_told(tmp_path):
+    z, place = dsm(0.5)
+    old = write_tif(tmp_path / "old.tif", z, place, "EPSG:26915+6360", geotiff_version="1.0")
+    parts = {part.part: part.value for part in open_cloud([old]).info.crs_parts}
+    assert (parts["heights"], parts["vertical unit"]) == ("NAVD88 height (ftUS)", "US survey foot")
+    bare = write_tif(tmp_path / "bare.tif", z, place, None, units=["ft"])
+    assert [one.code for one in open_cloud([bare]).info.warnings] == ["only-height-unit-known"]
+    whole = write_tif(tmp_path / "whole.tif", z.astype(np.int16), place)
+    info = open_cloud([whole]).info
+    assert info.steps == (0.0, 0.0, 1.0)
+    assert [one.code for one in info.warnings] == ["scale-coarse"]
