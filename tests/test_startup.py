@@ -16,7 +16,17 @@ pytestmark = pytest.mark.one_python
 #: Packages that take from a fiftieth to half a second to import.
 SLOW = {
     *("numpy", "scipy", "pyproj", "shapely", "laspy", "lazrs", "matplotlib", "rich", "requests"),
-    *("pyodm", "yaml", "plyfile", "pyogrio", "PIL", "urllib.request", "http.client"),
+    *(
+        "pyodm",
+        "yaml",
+        "plyfile",
+        "pyogrio",
+        "rasterio",
+        "ezdxf",
+        "PIL",
+        "urllib.request",
+        "http.client",
+    ),
 }
 
 CODE = """
@@ -63,7 +73,7 @@ def small(tmp_path_factory):
 def test_terrain_imports_no_statistics_pictures_or_servers(small):
     found = imported("volume", small, "--json")
     unused = {"scipy.stats", "scipy.optimize", "scipy.interpolate", "matplotlib", "rich", "pyodm"}
-    assert not found & {*unused, "yaml", "plyfile", "pyogrio", "PIL"}
+    assert not found & {*unused, "yaml", "plyfile", "pyogrio", "rasterio", "ezdxf", "PIL"}
     assert not {name for name in found if name.startswith("quantify_client.scaler")}
     assert not {name for name in found if name.startswith("quantify_client.volcalc.body")}
 
