@@ -9,17 +9,16 @@ from __future__ import annotations
 import re
 from itertools import islice
 from pathlib import Path
-from typing import Any, Dict, Iterator, List, Optional
-from xml.parsers import expat
+from typing import Any, Dict, Iterator, List, Mapping, Optional
 
 from ..errors import AreaError
+from ..files.xml import Elements
 from .geojson import MAX_POLYGONS, MAX_VERTICES, DrawnPolygon, check_file, geojson_polygons
 
 __all__ = ["read_kml"]
 
 _CRS = {"type": "name", "properties": {"name": "EPSG:4326"}}
 _POSITION = re.compile(r"[^\s,]+(?:\s*,\s*[^\s,]+)*")  # spaces round commas: not KML, but common
-_DEEPEST = 256  # elements within each other
 _LONGEST = 1000  # characters of a position
 _OTHERS = {
     "Point": "Point",
@@ -39,80 +38,40 @@ def read_kml(path: Path) -> List[DrawnPolygon]:
     AreaError
         When it is no KML, or holds too many polygons or vertices.
     """
-    placemarks = _Placemarks(path.name)
-    try:
-        placemarks.parse(check_file(path))
-    except AreaError:
-        raise
-    except (expat.ExpatError, ValueError, LookupError) as error:  # LookupError: its encoding
-        raise AreaError(
-            f"{path.name} is not valid KML ({str(error)[:80]}); export it again, or as GeoJSON"
-        ) from None
+    placemarks = _Placemarks(path.name, "KML", "kml", AreaError, "export it again, or as GeoJSON")
+    data = check_file(path)
+    placemarks.bound(data.count(b"="), 2 * MAX_VERTICES, "attributes")
+    placemarks.parse(data)
     document = {"type": "FeatureCollection", "crs": _CRS, "features": placemarks.features}
     return geojson_polygons(document, path.name)
 
 
-class _Placemarks:
+class _Placemarks(Elements):
     """Collects features while the parser goes through the elements."""
 
-    def __init__(self, where: str) -> None:
+    def __init__(self, *about: Any) -> None:
+        super().__init__(*about)
         self.features: List[Dict[str, Any]] = []
-        self._where = where
-        self._open: List[str] = []
-        self._text: Optional[List[str]] = None
         self._name: Optional[str] = None
         self._geometries: Optional[List[Dict[str, Any]]] = None
         self._rings: Optional[List[Any]] = None
         self._vertices = 0
 
-    def parse(self, data: bytes) -> None:
-        self._bound(data.count(b"="), 2 * MAX_VERTICES, "attributes")
-        parser = expat.ParserCreate(namespace_separator=" ")
-        parser.buffer_text = True
-        parser.StartDoctypeDeclHandler = self._doctype
-        parser.StartElementHandler = self._start
-        parser.EndElementHandler = self._end
-        parser.CharacterDataHandler = self._characters
-        parser.Parse(data, True)
-
-    def _doctype(self, *declared: object) -> None:
-        raise AreaError(
-            f"{self._where} has a document type, which KML does not have and which could refer to "
-            "other files; export it again, or as GeoJSON"
-        )
-
-    def _start(self, element: str, attributes: Dict[str, str]) -> None:
-        name = element.rpartition(" ")[2]
-        if not self._open and name != "kml":
-            raise AreaError(
-                f"{self._where} is not KML: its root is <{name[:40]}>; expected <kml>: export it "
-                "again, or as GeoJSON"
-            )
-        if len(self._open) >= _DEEPEST:
-            raise AreaError(
-                f"{self._where} is nested too deeply for KML; export it again, or as GeoJSON"
-            )
-        self._open.append(name)
+    def begun(self, name: str, attributes: Mapping[str, str]) -> None:
         if name == "Placemark":
-            self._bound(len(self.features) + 1, MAX_POLYGONS, "placemarks")
+            self.bound(len(self.features) + 1, MAX_POLYGONS, "placemarks")
             self._name, self._geometries, self._rings = None, [], None
         elif self._geometries is None:
             return
         elif name == "Polygon":
             self._rings = []
         elif name in _OTHERS and self._rings is None:
-            self._bound(len(self._geometries) + 1, MAX_VERTICES, "points and lines")
+            self.bound(len(self._geometries) + 1, MAX_VERTICES, "points and lines")
             self._geometries.append({"type": _OTHERS[name]})
-        elif name == "coordinates" or self._open[-2:] == ["Placemark", "name"]:
-            self._text = []
+        elif name == "coordinates" or self.open[-2:] == ["Placemark", "name"]:
+            self.text = []
 
-    def _characters(self, text: str) -> None:
-        if self._text is not None:
-            self._text.append(text)
-
-    def _end(self, element: str) -> None:
-        name = self._open.pop()
-        text, self._text = "".join(self._text or ()), None
+    def ended(self, name: str, text: Optional[str]) -> None:
         if self._geometries is None:
             return
         if name == "Placemark":
@@ -120,22 +79,23 @@ class _Placemarks:
         elif name == "Polygon" and self._rings is not None:
             self._geometries.append({"type": "Polygon", "coordinates": self._rings})
             self._rings = None
-        elif name == "name" and self._open[-1] == "Placemark":
-            self._name = text
+        elif name == "name" and self.open[-1] == "Placemark":
+            self._name = text or ""
         elif name == "coordinates" and self._rings is not None:
-            self._ring(self._rings, text)
+            self._ring(self._rings, text or "")
 
     def _ring(self, rings: List[Any], text: str) -> None:
         positions = list(islice(_positions(text), MAX_VERTICES - self._vertices + 1))
         self._vertices += len(positions)
-        self._bound(self._vertices, MAX_VERTICES, "vertices")
-        outer = "outerBoundaryIs" in self._open[-3:]
+        self.bound(self._vertices, MAX_VERTICES, "vertices")
+        outer = "outerBoundaryIs" in self.open[-3:]
         rings.insert(0 if outer else len(rings), positions)
 
-    def _bound(self, count: int, most: int, of: str) -> None:
+    def bound(self, count: int, most: int, of: str) -> None:
+        """Raise AreaError where there are too many of something."""
         if count > most:
             raise AreaError(
-                f"{self._where} holds more than {most:,} {of}; keep only the polygons to be "
+                f"{self.file} holds more than {most:,} {of}; keep only the polygons to be "
                 "measured, or simplify them"
             )
 

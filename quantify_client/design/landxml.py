@@ -2,8 +2,7 @@
 
 Points are northing, easting, elevation; faces are numbers of points, and those with ``i="1"`` are
 invisible: outside of the surface, or in its holes. Everything else is ignored: alignments, the
-contours and breaklines that a surface was made from. A document type is refused: it could define
-entities.
+contours and breaklines that a surface was made from.
 """
 
 from __future__ import annotations
@@ -12,12 +11,12 @@ import re
 from array import array
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, Optional
-from xml.parsers import expat
 
 import numpy as np
 
 from ..errors import DesignError
 from ..files.reading import read_small
+from ..files.xml import Elements
 from .surface import MAX_BYTES, MAX_POINTS, MAX_TRIANGLES, WHAT, Design, bounded, made
 
 __all__ = ["read_landxml"]
@@ -29,7 +28,6 @@ _UNITS = {
     "foot": "ft",
     "USSurveyFoot": "us-ft",
 }
-_DEEPEST = 256  # elements within each other
 _MOST_ELEMENTS = 2 * (MAX_POINTS + MAX_TRIANGLES) + 1_000_000  # with their ends
 _CODE = re.compile(r"(?:EPSG:+)?([1-9]\d{3,5})", re.IGNORECASE)
 _SHOWN = 5  # names in a message
@@ -45,25 +43,16 @@ def read_landxml(path: Path) -> Design:
     """
     data = read_small(path, most=MAX_BYTES, what=WHAT, error=DesignError, label=path.name)
     bounded(path.name, data.count(b"<"), _MOST_ELEMENTS, "elements")
-    reader = _Surfaces(path.name)
-    try:
-        reader.parse(data)
-    except DesignError:
-        raise
-    except (expat.ExpatError, ValueError, LookupError) as error:  # LookupError: its encoding
-        raise DesignError(
-            f"{path.name} is not valid LandXML ({str(error)[:80]}); export it again"
-        ) from None
+    reader = _Surfaces(path.name, "LandXML", "LandXML", DesignError, "export it again")
+    reader.parse(data)
     return reader.design()
 
 
-class _Surfaces:
+class _Surfaces(Elements):
     """Collects the first TIN, and the names of all, while the parser goes through the elements."""
 
-    def __init__(self, name: str) -> None:
-        self._file = name
-        self._open: List[str] = []
-        self._text: Optional[List[str]] = None
+    def __init__(self, *about: Any) -> None:
+        super().__init__(*about)
         self._names: List[str] = []
         self._surface = ""
         self._kinds: List[str] = []
@@ -75,53 +64,29 @@ class _Surfaces:
         self._unit: Optional[str] = None
         self._crs: Optional[str] = None
 
-    def parse(self, data: bytes) -> None:
-        parser = expat.ParserCreate(namespace_separator=" ")
-        parser.buffer_text = True
-        parser.StartDoctypeDeclHandler = self._doctype
-        parser.StartElementHandler = self._start
-        parser.EndElementHandler = self._end
-        parser.CharacterDataHandler = self._characters
-        parser.Parse(data, True)
-
     def design(self) -> Design:
         """Return the surface that was read."""
         if len(self._names) > 1:
             names = ", ".join(map(repr, self._names[:_SHOWN]))
             more = ", ..." if len(self._names) > _SHOWN else ""
             raise DesignError(
-                f"{self._file}: holds {len(self._names)} TIN surfaces ({names}{more}); expected "
+                f"{self.file}: holds {len(self._names)} TIN surfaces ({names}{more}); expected "
                 "one: export the one that is meant alone"
             )
         if not self._faces:
             kinds = ", ".join(sorted(set(self._kinds))) or "no surface"
             found = "a TIN without visible faces" if self._names else kinds
-            raise DesignError(f"{self._file}: holds {found}; expected {WHAT}: export its triangles")
+            raise DesignError(f"{self.file}: holds {found}; expected {WHAT}: export its triangles")
         points = np.frombuffer(self._values).reshape(-1, 3)[:, [1, 0, 2]]
         triangles = np.frombuffer(self._faces, dtype=np.int64).reshape(-1, 3)
-        return made(self._file, points, triangles, crs=self._crs, unit=self._unit)
+        return made(self.file, points, triangles, crs=self._crs, unit=self._unit)
 
-    def _doctype(self, *declared: object) -> None:
-        raise DesignError(
-            f"{self._file} has a document type, which LandXML does not have and which could refer "
-            "to other files; export it again"
-        )
-
-    def _start(self, element: str, attributes: Mapping[str, str]) -> None:
-        name = element.rpartition(" ")[2]
-        if not self._open and name != "LandXML":
-            raise DesignError(
-                f"{self._file} is not LandXML: its root is <{name[:40]}>; expected <LandXML>: "
-                "export it again"
-            )
-        if len(self._open) >= _DEEPEST:
-            raise DesignError(f"{self._file} is nested too deeply for LandXML; export it again")
-        within = self._open[-1] if self._open else ""
-        self._open.append(name)
+    def begun(self, name: str, attributes: Mapping[str, str]) -> None:
+        within = self.open[-2] if len(self.open) > 1 else ""
         if name == "P" and within == "Pnts" and self._reading:
-            self._point, self._text = attributes.get("id", ""), []
+            self._point, self.text = attributes.get("id", ""), []
         elif name == "F" and within == "Faces" and self._reading:
-            self._text = None if attributes.get("i") == "1" else []
+            self.text = None if attributes.get("i") == "1" else []
         elif name == "Surface":
             self._surface = attributes.get("name", "")[:60]
         elif name == "Definition" and within == "Surface":
@@ -137,18 +102,12 @@ class _Surfaces:
             self._names.append(self._surface)
             self._reading = len(self._names) == 1
 
-    def _characters(self, text: str) -> None:
-        if self._text is not None:
-            self._text.append(text)
-
-    def _end(self, element: str) -> None:
-        name = self._open.pop()
-        text, self._text = self._text, None
+    def ended(self, name: str, text: Optional[str]) -> None:
         if name == "Definition":
             self._reading = False
         if text is None:
             return
-        fields = "".join(text).split()
+        fields = text.split()
         if name == "P":
             self._add_point(fields)
         elif name == "F":
@@ -161,11 +120,11 @@ class _Surfaces:
             raise self._bad("point", self._point, fields, "northing, easting, elevation") from None
         if self._point in self._number:
             raise DesignError(
-                f"{self._file}: has two points with id {self._point[:20]!r}; expected one for "
+                f"{self.file}: has two points with id {self._point[:20]!r}; expected one for "
                 "each: export it again"
             )
         self._number[self._point] = len(self._number)
-        bounded(self._file, len(self._number), MAX_POINTS, "points")
+        bounded(self.file, len(self._number), MAX_POINTS, "points")
         self._values.extend((north, east, z))
 
     def _add_face(self, fields: List[str]) -> None:
@@ -174,18 +133,18 @@ class _Surfaces:
             at = len(self._faces) // 3 + 1
             raise self._bad("face", str(at), fields, "the ids of three points that are there")
         self._faces.extend(corners)
-        bounded(self._file, len(self._faces) // 3, MAX_TRIANGLES, "faces")
+        bounded(self.file, len(self._faces) // 3, MAX_TRIANGLES, "faces")
 
     def _bad(self, what: str, number: str, fields: List[str], expected: str) -> DesignError:
         found = " ".join(fields)[:60]
         return DesignError(
-            f"{self._file}: {what} {number[:20]} is {found!r}; expected {expected}: export it again"
+            f"{self.file}: {what} {number[:20]} is {found!r}; expected {expected}: export it again"
         )
 
     def _unit_of(self, name: str) -> Optional[str]:
         if name and name not in _UNITS:
             raise DesignError(
-                f"{self._file}: its unit is {name[:30]!r}; expected one of {', '.join(_UNITS)}: "
+                f"{self.file}: its unit is {name[:30]!r}; expected one of {', '.join(_UNITS)}: "
                 "export it in one of these"
             )
         return _UNITS.get(name)
