@@ -111,8 +111,8 @@ class Alignment:
     motion : of the later survey.
     covariance : (5, 5) of east, north, up, and the tilt to east and north.
     before_m, after_m : robust standard deviation about 0 of the differences on stable ground,
-        metres, before and after the survey was moved.
-    bias_m, bias_std_m : mean difference there with no motion at all, and its standard deviation.
+        metres, before and after the survey was moved; NaN where nothing was in common before.
+    bias_m, bias_std_m : mean difference there before, and its standard deviation.
     area_m2 : of the stable ground.
     """
 
@@ -139,11 +139,13 @@ def align(surfaces: Surfaces) -> Optional[Alignment]:
     found = _solved(surfaces, start)
     if found is None:
         return None
+    # None where they have no ground in common until one is moved.
     unmoved = as_they_are(surfaces)
-    if unmoved is None:
-        # So far apart that they have no ground in common until one is moved.
-        return _alignment(found, np.nan, (np.nan, np.nan), surfaces)
-    return _alignment(found, unmoved.before_m, (unmoved.bias_m, unmoved.bias_std_m), surfaces)
+    before = (unmoved.before_m, unmoved.bias_m, unmoved.bias_std_m) if unmoved else (np.nan,) * 3
+    area = found.count * surfaces.cell**2
+    return Alignment(
+        found.motion, found.covariance, before[0], found.scale, before[1], before[2], area
+    )
 
 
 def as_they_are(surfaces: Surfaces) -> Optional[Alignment]:
@@ -157,19 +159,6 @@ def as_they_are(surfaces: Surfaces) -> Optional[Alignment]:
     bias, std = float(fit.values[0]), float(np.sqrt(fit.covariance[0, 0]))
     area = len(off) * surfaces.cell**2
     return Alignment(STILL, np.zeros((5, 5)), spread, spread, bias, std, area)
-
-
-def _alignment(
-    found: _Solution, before: float, bias: Tuple[float, float], surfaces: Surfaces
-) -> Alignment:
-    return Alignment(
-        found.motion,
-        found.covariance,
-        before,
-        found.scale,
-        *bias,
-        found.count * surfaces.cell**2,
-    )
 
 
 # --- the coarse search
