@@ -16,17 +16,8 @@ pytestmark = pytest.mark.one_python
 #: Packages that take from a fiftieth to half a second to import.
 SLOW = {
     *("numpy", "scipy", "pyproj", "shapely", "laspy", "lazrs", "matplotlib", "rich", "requests"),
-    *(
-        "pyodm",
-        "yaml",
-        "plyfile",
-        "pyogrio",
-        "rasterio",
-        "ezdxf",
-        "PIL",
-        "urllib.request",
-        "http.client",
-    ),
+    *("pyodm", "yaml", "plyfile", "pyogrio", "rasterio", "ezdxf", "PIL"),
+    *("urllib.request", "http.client"),
 }
 
 CODE = """

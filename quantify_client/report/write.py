@@ -21,7 +21,7 @@ from .wording.words import printable, slug
 
 __all__ = ["require_writable", "write_report", "write_scale_page", "write_scale_report"]
 
-OUR_PICTURES = re.compile(
+OUTDATED = re.compile(
     r"(area-\d{2,}-[a-z0-9-]+|overview|scale)(-\d+)?\.png"
     r"|area-\d{2,}-[a-z0-9-]+-(surface|base|difference|sigma)(-\d+)?\.tif"
 )
@@ -37,8 +37,8 @@ def write_report(
 ) -> List[Path]:
     """Write report.json, slices.csv, areas.geojson, the pictures and report.html into a folder.
 
-    What an earlier run left is replaced only when everything new exists. Pictures of ours that
-    this run has no use for are removed. Files of others are left alone, and so is what was
+    What an earlier run left is replaced only when everything new exists. Pictures and rasters of
+    ours that this run has no use for are removed. Files of others are left alone, and so is what was
     measured: where one has the name of a file of the report, nothing is written.
 
     `out` is made when missing; `units` of what people read is ``"metric"`` or ``"us"``.
@@ -61,7 +61,7 @@ def write_report(
     with _folder_explained(out), staging(out, make=True) as working:
         names = _write_all(measurement, working, shown)
         names += _write_rasters(measurement, working) if rasters else []
-        put_in_place(working, names, files, outdated=OUR_PICTURES)
+        put_in_place(working, names, files, outdated=OUTDATED)
     return [out / name for name in names]
 
 

@@ -15,6 +15,7 @@ from terrains import EAST, LEVEL, NORTH, cone, flat
 
 from quantify_client import measure
 from quantify_client.cloud import open_cloud
+from quantify_client.cloud.writing.sources import open_sources
 from quantify_client.errors import CloudError, MissingExtraError
 from quantify_client.types import Window
 
@@ -186,3 +187,9 @@ def test_the_unit_of_heights_is_found_and_whole_metres_are_told(tmp_path):
     info = open_cloud([whole]).info
     assert info.steps == (0.0, 0.0, 1.0)
     assert [one.code for one in info.warnings] == ["scale-coarse"]
+
+
+def test_a_raster_has_no_points_to_scale(tmp_path):
+    path = write_tif(tmp_path / "dsm.tif", *dsm(0.5))
+    with pytest.raises(CloudError, match=r"dsm\.tif: is a raster, which has no points to move"):
+        open_sources(path)
