@@ -38,8 +38,8 @@ def write_report(
     """Write report.json, slices.csv, areas.geojson, the pictures and report.html into a folder.
 
     What an earlier run left is replaced only when everything new exists. Pictures and rasters of
-    ours that this run has no use for are removed. Files of others are left alone, and so is what was
-    measured: where one has the name of a file of the report, nothing is written.
+    ours that this run has no use for are removed. Files of others are left alone, and so is what
+    was measured: where one has the name of a file of the report, nothing is written.
 
     `out` is made when missing; `units` of what people read is ``"metric"`` or ``"us"``.
     With `rasters` surface, base, difference and sigma of each area of terrain are written as
