@@ -32,6 +32,8 @@ from quantify_client.errors import AreaError, MissingExtraError, QuantifyError
         (bytes(range(256)), "is not in UTF-8|not valid JSON"),
         (b"SQLite format 3\x00\x10\x00", "not valid JSON"),
         ('{"type": "Kücken"}'.encode("latin-1"), "UTF-8"),
+        (b"LASF\x00\x00" + bytes(300), "is a point cloud, not polygons; give it as the source"),
+        (b"ply\nformat binary_little_endian 1.0\n\xff\xfe", "is a point cloud, not polygons"),
         (b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 1\n", "git lfs pull"),
         (b"<!DOCTYPE html><html></html>", "web page"),
         (b"PK\x03\x04" + bytes(26), "zip archive"),

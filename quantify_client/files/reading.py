@@ -55,6 +55,10 @@ _NOT_THE_FILE = (
         (b"<!doctype html", b"<html"),
         "is a web page, not {what}; log in where it comes from and download the file",
     ),
+    (
+        (b"lasf", b"ply\n", b"ply\r"),
+        "is a point cloud, not {what}; give it as the source, and {what} in another file",
+    ),
 )
 
 
@@ -93,14 +97,14 @@ def read_small(
         raise error(
             f"{name} cannot be read: {said}; check its path and permissions (expected {what})"
         ) from fault
-    if len(data) > most:
-        raise error(f"{name} is larger than {most // 1_000_000} MB; expected {what}")
     start = data[:512].lstrip(b"\xef\xbb\xbf \t\r\n").lower()
     if not start:
         raise error(f"{name} is empty; expected {what}")
     for beginnings, found in _NOT_THE_FILE:
         if start.startswith(beginnings):
             raise error(f"{name} {found.format(what=what)}")
+    if len(data) > most:
+        raise error(f"{name} is larger than {most // 1_000_000} MB; expected {what}")
     return data
 
 

@@ -110,6 +110,10 @@ def test_nothing_advises_what_is_already_done():
     findings = Findings(crossings=((-1.0, 2.0),))
     advice = " (--base plane follows the outline as it is)"
     assert said(findings)[0] == said(findings, compared=True)[0] + advice
+    advice = " (--layer lower or mean measures those)"
+    assert advice in said(Findings(layers=Layers(0.5, 3.0)))[0]
+    for layer in ("lower", "mean"):
+        assert "--layer" not in said(Findings(layers=Layers(0.5, 3.0), layer=layer))[0]
 
 
 def test_the_error_of_the_base_is_weighed_against_the_volume_that_is_told():

@@ -152,11 +152,13 @@ def _of_layers(findings: Findings) -> Iterator[Notice]:
     found, layer = findings.layers, findings.layer
     if found.share > 0:
         measured = "their mean" if layer == "mean" else f"the {layer} one"
+        # Who has chosen one needs no advice.
+        advice = " (--layer lower or mean measures those)" if layer == DEFAULT_LAYER else ""
         yield Notice(
             "two-surfaces",
             f"over {found.share:.1%} of the area there are two surfaces, one about "
             f"{found.apart:.2g} m above the other (trees or a roof over ground): {measured} was "
-            "measured (--layer upper, lower or mean)",
+            f"measured{advice}",
             share=found.share,
             apart_m=found.apart,
             layer=layer,
