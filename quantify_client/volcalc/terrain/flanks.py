@@ -160,6 +160,7 @@ class _Profile(NamedTuple):
     above : (M,) at the outline, metres.
     outer, inner : (M, K) at 0, 1 .. K - 1 cells outwards and inwards, metres.
     limit, general : (M,) up to which it is the ground: by what is near, and by what was predicted.
+    off : (M,) how far the ground near it is off what was predicted, metres.
     on : (M,) bool, where something stands at the outline.
     slope : (M,) tangent of the flank inside, where it is steepest.
     """
@@ -170,6 +171,7 @@ class _Profile(NamedTuple):
     inner: FloatArray
     limit: FloatArray
     general: FloatArray
+    off: FloatArray
     on: _BOOLS
     slope: FloatArray
 
@@ -197,7 +199,7 @@ def _profile(
     slope = np.nan_to_num(np.diff(inner[:, _FLANK_CELLS], axis=1)).max(axis=1, initial=0.0)
     on = np.maximum(beside, above - slope * STRIP / 4.0) > np.hypot(limit, SURE * error)
     slope = slope / surface.heights.window.cell
-    return _Profile(sign, above, outer, inner, limit, general, on, slope)
+    return _Profile(sign, above, outer, inner, limit, general, off, on, slope)
 
 
 def _over_predicted(
@@ -205,7 +207,7 @@ def _over_predicted(
 ) -> Flanks | None:
     """Return what stands along the outline over the predicted ground; None where nothing does."""
     steps = np.arange(reach + 1)
-    sign, above, outwards, inwards, limit, general, on, slope = _profile(
+    sign, above, outwards, inwards, limit, general, off, on, slope = _profile(
         surface, rim, ground, cubes, steps
     )
     if not on.any():
@@ -226,6 +228,7 @@ def _over_predicted(
     highest = np.where(np.isfinite(outer), outer, -np.inf).max(axis=1)
     # Bushes, a bank: lower a cell further inside.
     lower_inside = np.nan_to_num(outwards[:, 0] - limit - inner[:, 1])
+    of_points = sign * (points.z - ground.heights(points.x, points.y) - off[points.beside])
     rises = np.zeros(len(on), dtype=bool)
     for stretch in rim.stretches(on):
         # So that the bank of a channel that winds does not rise to its middle.
@@ -234,7 +237,10 @@ def _over_predicted(
         rises[stretch] = up[stretch] & (highest > _RISE * height + limit)[stretch]
         ridge = np.median(lower_inside[stretch]) > 0 and not going_on[stretch].any()
         other = ridge or is_other(surface, rim, over, stretch, max(height / 2.0, level))
-        if other or points.is_rough(stretch, float(slope[stretch].max())):
+        plants = points.is_rough(stretch, float(slope[stretch].max()))
+        if not plants and not (going_on | edges)[stretch].any():
+            plants = points.shows_ground(stretch, of_points, above)
+        if other or plants:
             rises[stretch] = True
     rises &= ~walled
     # What stays as high has no toe, and on a saddle it is beside the outline.

@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 
 from ...types import FloatArray, IntArray
 from .grid import CellWindow
-from .heights import UPPER
+from .heights import LAYER_SHARE, UPPER
 from .histogram import Cubes
 from .rim import ALONG, Rim, along_rings, normals_of
 
@@ -29,6 +29,9 @@ _NEAREST = 8
 
 #: The roughness within so many cells of the outline is held against that further inside.
 _EDGE, _DEEP = 1.0, (2.0, 6.0)
+
+#: The ground among plants is looked for so many cells inwards.
+_AMONG = 2.0
 
 #: Variance about the plane through eight points (five degrees of freedom) that a flank makes which
 #: ends in their middle, over the squares of its slope and of their distance: 2 (1 / 4 - 16 / (9
@@ -118,6 +121,25 @@ class OutlinePoints:
         rougher = max(_ROUGHER, float(special.fdtri(*degrees, 1.0 - _CHANCE)))
         limit = rougher * of_pile.mean() + _TOE * slope**2 * square
         return bool(2 * np.count_nonzero(there > limit) > len(edge))
+
+    def shows_ground(self, stretch: IntArray, over: FloatArray, above: FloatArray) -> bool:
+        """Return whether the ground is seen inside of a stretch of the outline, as among plants.
+
+        What is inside of an outline on a flank is higher than the outline. Plants let the ground be
+        seen between them: of the points inside more than a tenth, the share that makes a layer of
+        heights surface, are below half the height at the outline, and more than by chance.
+
+        Parameters
+        ----------
+        stretch : numbers of its rim points.
+        over : (N,) heights of the points over the ground, metres; of pits turned over.
+        above : (M,) the same at the outline, at each of its points.
+        """
+        near = (self._depth > 0) & (self._depth <= _AMONG) & np.isin(self.beside, stretch)
+        number = int(np.count_nonzero(near))
+        low = int(np.count_nonzero(over[near] < above[self.beside[near]] / 2.0))
+        chance = float(special.bdtrc(low - 1, number, LAYER_SHARE)) if low else 1.0
+        return chance < _CHANCE
 
     @cached_property
     def _depth(self) -> FloatArray:
