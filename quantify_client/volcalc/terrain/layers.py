@@ -76,11 +76,14 @@ class Layers:
     apart : median height between them, metres; 0 where there are none.
     edge : volume between the two surfaces along the edge of where they are, in a strip as wide as
         the spacing of the upper one's points, and of the lower one's, m3 of the grid.
+    maybe : the same share and height of cells that two surfaces explain better than walls, where
+        too few points tell whether there are any.
     """
 
     share: float = 0.0
     apart: float = 0.0
     edge: tuple[float, float] = (0.0, 0.0)
+    maybe: tuple[float, float] = (0.0, 0.0)
 
 
 NO_LAYERS = Layers()
@@ -118,7 +121,7 @@ def find_layers(cubes: Cubes, polygon: Polygon | MultiPolygon) -> tuple[Cubes, L
     seen = _Seen.of(near.select(good), flat[good], window)
     sure = seen.surely_two()
     if not sure.any():
-        return cubes, NO_LAYERS
+        return cubes, Layers(maybe=_share_and_height(seen, seen.likely(), polygon))
     # At the edge of a crown its points are few, and may have been taken for outliers.
     good |= _continues(near, flat, seen, sure)
     place, seen = place[good], _Seen.of(near.select(good), flat[good], window)
@@ -225,6 +228,10 @@ class _Seen:
             likely &= False
         return np.asarray(np.append(False, likely)[region])
 
+    def likely(self) -> _BOOLS:
+        """Return the cells with a gap that two surfaces explain better than a wall, (ny, nx)."""
+        return self._cells(self.mixed > self.share * self.points)
+
     def reached_from(self, sure: _BOOLS) -> _BOOLS:
         """Return the cells with two surfaces, (ny, nx).
 
@@ -232,7 +239,7 @@ class _Seen:
         where this is sure (hysteresis: Canny 1986, A computational approach to edge detection), and
         those between them that show one of both surfaces only.
         """
-        likely = self._cells(self.mixed > self.share * self.points)
+        likely = self.likely()
         number, _ = ndimage.label(likely, _SQUARE)
         region = sure | (likely & np.isin(number, number[sure & likely]))
         return np.asarray(ndimage.binary_closing(region, _SQUARE))
@@ -340,12 +347,10 @@ def _sum_around(flat: IntArray, weight: FloatArray, found: _BOOLS) -> FloatArray
 
 def _told(seen: _Seen, region: _BOOLS, polygon: Polygon | MultiPolygon) -> Layers:
     """Return what the result says of cells with two surfaces."""
-    fraction = cell_parts(polygon, seen.window).share
-    share = float(fraction[region].sum() / fraction.sum())
+    share, apart = _share_and_height(seen, region, polygon)
     if not share:
         return NO_LAYERS
-    upper, lower = seen.levels()
-    apart = float(np.nanmedian((upper - lower)[region]))
+    fraction = cell_parts(polygon, seen.window).share
     area = seen.window.cell**2
     # Crofton: the sides of cells along a line are 4 / pi times as long as the line, on average.
     inside = np.where(fraction > 0, region, np.nan)
@@ -358,3 +363,15 @@ def _told(seen: _Seen, region: _BOOLS, polygon: Polygon | MultiPolygon) -> Layer
     )
     edge_upper, edge_lower = (apart * strip * spacing for spacing in spacings)
     return Layers(share, apart, (edge_upper, edge_lower))
+
+
+def _share_and_height(
+    seen: _Seen, region: _BOOLS, polygon: Polygon | MultiPolygon
+) -> tuple[float, float]:
+    """Return the share of the area in a region, and the median height between its layers."""
+    fraction = cell_parts(polygon, seen.window).share
+    share = float(fraction[region].sum() / fraction.sum())
+    if not share:
+        return 0.0, 0.0
+    upper, lower = seen.levels()
+    return share, float(np.nanmedian((upper - lower)[region]))

@@ -58,6 +58,7 @@ def warnings_of(result: AreaResult, findings: Findings, *, compared: bool) -> It
     """
     pit, std = (result.volume_m3 or 0.0) < 0, result.std_m3 or 0.0
     yield from _of_outline(findings, pit, std)
+    yield from _of_unsure_layers(findings, result)
     yield from _of_crossings(findings, compared)
     if result.coverage is not None and result.coverage < FULL_SUPPORT:
         yield Notice(
@@ -163,6 +164,26 @@ def _of_layers(findings: Findings) -> Iterator[Notice]:
             apart_m=found.apart,
             layer=layer,
         )
+
+
+def _of_unsure_layers(findings: Findings, result: AreaResult) -> Iterator[Notice]:
+    """Yield that there may be two surfaces, if what is between them is beyond the uncertainty.
+
+    Beside walls, which are told, it is these.
+    """
+    share, apart = findings.layers.maybe
+    if findings.at_wall[0] or share * apart * (result.area_m2 or 0.0) <= (result.std_m3 or 0.0):
+        return
+    yield Notice(
+        "two-surfaces",
+        f"over {share:.1%} of the area there may be two surfaces, one about {apart:.2g} m above the "
+        "other (trees or a roof over ground), or a box or wall: too few points tell, and all were "
+        "measured as one surface; look at the cloud there, and leave out of the outline what is "
+        "not to be measured",
+        share=share,
+        apart_m=apart,
+        layer="mean",
+    )
 
 
 def _of_crossings(findings: Findings, compared: bool) -> Iterator[Notice]:
