@@ -217,6 +217,8 @@ def _over_predicted(
     going_on = on & goes_on(surface, rim, over, reach, level, sign > 0)
     if 2.0 * rim.length[going_on].sum() >= rim.length.sum():
         going_on &= False
+    # A dam goes on at both ends; what does at one is another pile, larger than is looked at.
+    lone = going_on if sign > 0 and len(list(rim.stretches(going_on))) == 1 else ~on & on
     edges, walled = _at_edges(surface, on, sign)
     points = OutlinePoints.of(surface.heights.window, surface.inside, rim, cubes, _INWARDS)
     outer, inner = (np.column_stack([above, side[:, 1:]]) for side in (outwards, inwards))
@@ -240,7 +242,7 @@ def _over_predicted(
         plants = points.is_rough(stretch, float(slope[stretch].max()))
         if not plants and not (going_on | edges)[stretch].any():
             plants = points.shows_ground(stretch, of_points, above)
-        if other or plants:
+        if other or plants or lone[stretch].any():
             rises[stretch] = True
     rises &= ~walled
     # What stays as high has no toe, and on a saddle it is beside the outline.
