@@ -174,7 +174,9 @@ def test_there_are_no_two_surfaces(name, seed):
     x, y = places(seed=seed)
     z = ONE_SURFACE[name](x, y) + np.random.default_rng(seed).normal(0, 0.02, len(x))
     cubes, layers = found_in(*points_of(x, y, z))
-    assert layers == NO_LAYERS
+    assert layers.share == 0.0
+    # Single cells, by chance.
+    assert layers.maybe[0] < 0.005
     assert not cubes.layer.any()
 
 

@@ -99,3 +99,40 @@ def test_plants_are_told_as_such_and_a_flank_as_a_flank():
     assert told(with_plants, 7.6)[0].code == "outline-crosses-neighbour"
     assert told(heap, 6.5)[0].code == "outline-on-pile"
     assert told(heap, 7.6) == ()
+
+
+def told_of(form, outline, **options):
+    area = at_site(outline)
+    accumulator = TerrainAccumulator([Window(*area.bounds)])
+    accumulator.absorb(accumulator.reduce(*cloud(form, **options)))
+    points = accumulator.points_of(0)
+    found = measure_area("a", points.to_local(area), points, TerrainRecipe())
+    return [notice.code for notice in found.warnings]
+
+
+def test_the_ground_is_seen_among_plants_and_not_inside_of_a_flank():
+    """Cells of 1 m hold more flank and bare ground than plants."""
+    for form, radius in ((with_plants, 7.6), (heap, 5.0), (heap, 6.5)):
+        found = points_beside(form, Point(0, 0).buffer(radius, 64), (7.0, 0.0), count=8_000)
+        over = found.z - LEVEL
+        angle = np.arctan2(found.rim.y - found.rim.y.mean(), found.rim.x - found.rim.x.mean())
+        height = 0.4 if form is with_plants else 4.0 * (1 - radius / 7)
+        level = np.full(len(angle), height)
+        grown = np.flatnonzero(angle > 1.2)
+        assert found.shows_ground(grown, over, level, 0.01) == (form is with_plants)
+        # Nothing is told by heights within the noise.
+        assert not found.shows_ground(grown, over, level, 1.0)
+
+
+def test_what_goes_on_at_one_end_is_another_pile_and_at_both_a_dam():
+    def dam(x, y):
+        return np.clip((4.0 - np.abs(y)) / 2.0, 0, 1.5)
+
+    def from_the_east(x, y, rng):
+        return np.maximum(heap(x + 4, y, rng), dam(x, y) * np.clip((x - 5.0) / 2.0, 0, 1))
+
+    outline = box(-12, -9, 9, 9)
+    for count in (20_000, 4_000):
+        codes = told_of(from_the_east, outline, half=40.0, count=count)
+        assert codes[:1] == ["outline-crosses-neighbour"]
+    assert told_of(lambda x, y, rng: dam(x, y), outline, half=40.0, count=20_000) == []

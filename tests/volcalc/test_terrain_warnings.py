@@ -14,7 +14,13 @@ from quantify_client.volcalc.terrain.warnings import Findings, warnings_of
 def said(findings=None, coverage=1.0, cut=100.0, compared=False, net=1.0):
     budget = [BudgetItem("survey", 30.0, 30.0, 0.0), BudgetItem("base", 2.5, 2.5, 0.0)]
     result = SimpleNamespace(
-        volume_m3=net, std_m3=30.0, coverage=coverage, cut_m3=cut, fill_m3=0.0, budget=budget
+        volume_m3=net,
+        std_m3=30.0,
+        coverage=coverage,
+        cut_m3=cut,
+        fill_m3=0.0,
+        budget=budget,
+        area_m2=500.0,
     )
     return tuple(warnings_of(result, findings or Findings(), compared=compared))
 
@@ -114,6 +120,15 @@ def test_nothing_advises_what_is_already_done():
     assert advice in said(Findings(layers=Layers(0.5, 3.0)))[0]
     for layer in ("lower", "mean"):
         assert "--layer" not in said(Findings(layers=Layers(0.5, 3.0), layer=layer))[0]
+
+
+def test_two_surfaces_that_are_not_sure_are_told_where_they_matter_and_no_wall_was_told():
+    (notice,) = said(Findings(layers=Layers(maybe=(0.05, 1.3))))  # 32.5 m3 of 30
+    assert (notice.code, notice.values["share"]) == ("two-surfaces", 0.05)
+    assert "may be two surfaces" in notice
+    assert not said(Findings(layers=Layers(maybe=(0.05, 1.1))))
+    walled = said(Findings(layers=Layers(maybe=(0.05, 1.3)), at_wall=(0.3, 2.0)))
+    assert [notice.code for notice in walled] == ["outline-at-wall"]
 
 
 def test_the_error_of_the_base_is_weighed_against_the_volume_that_is_told():

@@ -161,6 +161,7 @@ class _Profile(NamedTuple):
     outer, inner : (M, K) at 0, 1 .. K - 1 cells outwards and inwards, metres.
     limit, general : (M,) up to which it is the ground: by what is near, and by what was predicted.
     off : (M,) how far the ground near it is off what was predicted, metres.
+    lowest : (M,) how high what stands there is surely where it meets the outline, metres.
     on : (M,) bool, where something stands at the outline.
     slope : (M,) tangent of the flank inside, where it is steepest.
     """
@@ -172,6 +173,7 @@ class _Profile(NamedTuple):
     limit: FloatArray
     general: FloatArray
     off: FloatArray
+    lowest: FloatArray
     on: _BOOLS
     slope: FloatArray
 
@@ -197,9 +199,10 @@ def _profile(
     )
     # With its toe at the outline a flank of this slope would be so high in the strip, on average.
     slope = np.nan_to_num(np.diff(inner[:, _FLANK_CELLS], axis=1)).max(axis=1, initial=0.0)
-    on = np.maximum(beside, above - slope * STRIP / 4.0) > np.hypot(limit, SURE * error)
+    lowest, unsure = above - slope * STRIP / 4.0, np.hypot(limit, SURE * error)
+    on = np.maximum(beside, lowest) > unsure
     slope = slope / surface.heights.window.cell
-    return _Profile(sign, above, outer, inner, limit, general, off, on, slope)
+    return _Profile(sign, above, outer, inner, limit, general, off, lowest - unsure, on, slope)
 
 
 def _over_predicted(
@@ -207,7 +210,7 @@ def _over_predicted(
 ) -> Flanks | None:
     """Return what stands along the outline over the predicted ground; None where nothing does."""
     steps = np.arange(reach + 1)
-    sign, above, outwards, inwards, limit, general, off, on, slope = _profile(
+    sign, above, outwards, inwards, limit, general, off, lowest, on, slope = _profile(
         surface, rim, ground, cubes, steps
     )
     if not on.any():
@@ -231,6 +234,7 @@ def _over_predicted(
     # Bushes, a bank: lower a cell further inside.
     lower_inside = np.nan_to_num(outwards[:, 0] - limit - inner[:, 1])
     of_points = sign * (points.z - ground.heights(points.x, points.y) - off[points.beside])
+    noise = float(np.sqrt(np.mean(np.square(surface.noise.point))))
     rises = np.zeros(len(on), dtype=bool)
     for stretch in rim.stretches(on):
         # So that the bank of a channel that winds does not rise to its middle.
@@ -240,14 +244,15 @@ def _over_predicted(
         ridge = np.median(lower_inside[stretch]) > 0 and not going_on[stretch].any()
         other = ridge or is_other(surface, rim, over, stretch, max(height / 2.0, level))
         plants = points.is_rough(stretch, float(slope[stretch].max()))
-        if not plants and not (going_on | edges)[stretch].any():
-            plants = points.shows_ground(stretch, of_points, above)
+        if not plants and sign > 0 and not (going_on | edges)[stretch].any():
+            plants = points.shows_ground(stretch, of_points, lowest, noise)
         if other or plants or lone[stretch].any():
             rises[stretch] = True
     rises &= ~walled
     # What stays as high has no toe, and on a saddle it is beside the outline.
-    lowest = np.nanmin(np.where(np.isfinite(outer), outer, np.inf), axis=1)
-    falls = on & ~up & ~rises & ~going_on & ~walled & (ended | (lowest < above - limit)) & (toe > 0)
+    down_to = np.nanmin(np.where(np.isfinite(outer), outer, np.inf), axis=1)
+    ended_or_lower = ended | (down_to < above - limit)
+    falls = on & ~up & ~rises & ~going_on & ~walled & ended_or_lower & (toe > 0)
     if not (falls | rises | edges).any():
         return None
     valley, at_valley = _down(inner, limit)

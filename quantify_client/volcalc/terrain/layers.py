@@ -76,7 +76,7 @@ class Layers:
     apart : median height between them, metres; 0 where there are none.
     edge : volume between the two surfaces along the edge of where they are, in a strip as wide as
         the spacing of the upper one's points, and of the lower one's, m3 of the grid.
-    maybe : the same share and height of cells that two surfaces explain better than walls, where
+    maybe : the same share and height of cells that two surfaces explain better than a wall, where
         too few points tell whether there are any.
     """
 

@@ -122,24 +122,32 @@ class OutlinePoints:
         limit = rougher * of_pile.mean() + _TOE * slope**2 * square
         return bool(2 * np.count_nonzero(there > limit) > len(edge))
 
-    def shows_ground(self, stretch: IntArray, over: FloatArray, above: FloatArray) -> bool:
+    def shows_ground(
+        self, stretch: IntArray, over: FloatArray, lowest: FloatArray, noise: float
+    ) -> bool:
         """Return whether the ground is seen inside of a stretch of the outline, as among plants.
 
-        What is inside of an outline on a flank is higher than the outline. Plants let the ground be
-        seen between them: of the points inside more than a tenth, the share that makes a layer of
-        heights surface, are below half the height at the outline, and more than by chance.
+        What is inside of an outline on a flank is higher than at the outline. Plants let the ground
+        be seen between them: of the points inside more than a tenth, the share that makes a layer
+        of heights surface, are below half the height, and more than noise and chance would have;
+        and so many are above it.
 
         Parameters
         ----------
         stretch : numbers of its rim points.
         over : (N,) heights of the points over the ground, metres; of pits turned over.
-        above : (M,) the same at the outline, at each of its points.
+        lowest : (M,) height of a flank where it meets the outline, or less, metres.
+        noise : standard deviation of a point's height, metres.
         """
         near = (self._depth > 0) & (self._depth <= _AMONG) & np.isin(self.beside, stretch)
-        number = int(np.count_nonzero(near))
-        low = int(np.count_nonzero(over[near] < above[self.beside[near]] / 2.0))
-        chance = float(special.bdtrc(low - 1, number, LAYER_SHARE)) if low else 1.0
-        return chance < _CHANCE
+        if not near.any():
+            return False
+        half = lowest[self.beside[near]] / 2.0
+        by_noise = float(special.ndtr(-half / max(noise, 1e-9)).mean())
+        share = LAYER_SHARE + (1.0 - LAYER_SHARE) * by_noise
+        low, high = np.count_nonzero(over[near] < half), np.count_nonzero(over[near] > 2.0 * half)
+        surely_low = special.bdtr(low - 1.0, len(half), share) > 1.0 - _CHANCE
+        return bool(low and surely_low and high >= LAYER_SHARE * len(half))
 
     @cached_property
     def _depth(self) -> FloatArray:
