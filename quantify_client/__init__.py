@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from .options import Options
     from .pipeline.control.control_alone import convert_control
     from .pipeline.control.scale import scale
-    from .pipeline.run import describe, measure
+    from .pipeline.run import change, describe, measure
     from .report.document.measurement import to_json
     from .report.write import write_report
     from .sfm.servers.access import Access
@@ -27,6 +27,7 @@ _MODULES = {
     "Options": "options",
     "QuantifyError": "errors",
     "Scaled": "types",
+    "change": "pipeline.run",
     "convert_control": "pipeline.control.control_alone",
     "describe": "pipeline.run",
     "measure": "pipeline.run",
@@ -44,6 +45,7 @@ __all__ = [
     "QuantifyError",
     "Scaled",
     "__version__",
+    "change",
     "convert_control",
     "describe",
     "measure",

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
-from ..options import OPTIONS
+from ..options import OPTIONS, TERRAIN
 
 __all__ = ["COMMANDS", "PRESETS", "Argument", "Command"]
 
@@ -120,6 +120,9 @@ _SOURCES = _value(
 )
 _MEASURING = [_option(name) for name, option in OPTIONS.items() if option.help]
 _FRAME = [_option(name) for name in ("crs", "vertical_unit", "source_unit")]
+_NO_ALIGN = _flag(
+    "--no-align", "leaves a second survey where it is: it is not brought onto the first"
+)
 _JSON = _flag("--json", "one JSON document on stdout")
 _UNITS = Argument(
     "--units",
@@ -177,7 +180,7 @@ COMMANDS: Mapping[str, Command] = {
     "volume": Command(
         "measuring.volume",
         "measure volumes",
-        [_SOURCES, *_MEASURING, *_ACCESS, *_REPORT],
+        [_SOURCES, *_MEASURING, *_in(TERRAIN, _NO_ALIGN), *_ACCESS, *_REPORT],
         [
             "volume task/ --area piles.geojson --out report",
             "volume all.zip --area piles.geojson --base compare --density 1.6:0.1",
@@ -185,6 +188,29 @@ COMMANDS: Mapping[str, Command] = {
         ],
         "Measures cut, fill and net of terrain above a base, or (--shape object) the volume of a "
         "body whose surface the cloud covers. Lengths are in metres.",
+    ),
+    "change": Command(
+        "measuring.change_between",
+        "measure what changed between two surveys",
+        [
+            _value("before", "BEFORE", "the earlier survey; whatever volume takes"),
+            _value("after", "AFTER", "the later one"),
+            *_in(
+                "what is measured",
+                _option("area", help="polygons, drawn on the earlier survey; a result for each"),
+                _NO_ALIGN,
+                *(_option(name) for name in ("slices", "slice_height", "layer")),
+            ),
+            *(_option(name) for name in ("source_unit", "grid", "density", "threads")),
+            *_ACCESS,
+            *_REPORT,
+        ],
+        [
+            "change 2024/ 2025/ --area glacier.geojson --out report",
+            "change before.laz after.laz --json",
+        ],
+        "Brings the later survey onto the earlier one by ground that did not change, and measures "
+        "gain (cut), loss (fill) and net in each area, or where both show the ground.",
     ),
     "info": Command(
         "measuring.info",

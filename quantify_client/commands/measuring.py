@@ -9,7 +9,7 @@ from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from ..errors import UsageError
 from ..options import OPTIONS, proposes
-from ..pipeline.run import describe, measure
+from ..pipeline.run import change, describe, is_survey, measure
 from ..report.document.measurement import to_json
 from ..report.rasters import require_rasterio
 from ..report.wording.words import coordinate_rows, printable
@@ -18,7 +18,7 @@ from ..types import AreaFailure, Measurement, plain, warnings_json
 from .credentials import access_of
 from .messages import complain_of, say, show_json, stages
 
-__all__ = ["deliver", "demo", "info", "inputs_of", "options_of", "volume"]
+__all__ = ["change_between", "deliver", "demo", "info", "inputs_of", "options_of", "volume"]
 
 #: What people are told instead of a key of the JSON; the other keys are words.
 _WORDS = {
@@ -35,7 +35,26 @@ def volume(given: argparse.Namespace) -> int:
     _require_out(given, inputs_of(given))
     with stages() as progress:
         measurement = measure(
-            *given.sources, progress=progress, access=access_of(given), **options_of(given)
+            *given.sources,
+            progress=progress,
+            access=access_of(given),
+            align=not given.no_align,
+            **options_of(given),
+        )
+    return deliver(measurement, given.out, given)
+
+
+def change_between(given: argparse.Namespace) -> int:
+    """Measure what changed between two surveys."""
+    surveys = [given.before, given.after]
+    _require_out(given, [given.area, *surveys, given.ca, given.token_file])
+    with stages() as progress:
+        measurement = change(
+            *surveys,
+            progress=progress,
+            access=access_of(given),
+            align=not given.no_align,
+            **options_of(given),
         )
     return deliver(measurement, given.out, given)
 
@@ -61,7 +80,8 @@ def demo(given: argparse.Namespace) -> int:
 def inputs_of(given: argparse.Namespace) -> List[Union[str, Path, None]]:
     """Return the files that a measurement reads."""
     area = None if proposes(given.area) else given.area
-    files = [area, given.gcp, given.crs, *getattr(given, "sources", ())]
+    base = given.base if is_survey(given.base) else None
+    files = [area, base, given.gcp, given.crs, *getattr(given, "sources", ())]
     return [*files, given.ca, given.token_file]
 
 

@@ -20,6 +20,7 @@ from .ground import (
     transfer_accuracy_m,
 )
 from .local import LocalFrame, local_frame, utm_grid
+from .onto import frame_onto
 from .plausible import location_warnings
 from .positions import PlaneCoordinates, odm_header, plane_of, positions_to
 from .projection import is_geographic, label
@@ -38,6 +39,7 @@ __all__ = [
     "apply_matrix",
     "as_wkt",
     "cloud_geometry_to_frame",
+    "frame_onto",
     "geometry_to_frame",
     "geometry_to_wgs84",
     "given_crs",

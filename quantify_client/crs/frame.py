@@ -12,7 +12,7 @@ from typing import Optional, Sequence, Tuple
 import numpy as np
 
 from ..types import Bounds, FloatArray, Matrix4, Window
-from .projection import full_turn, transform
+from .projection import full_turn, is_geographic, transform
 
 __all__ = ["UNITS_M", "ControlPlacement", "Frame", "apply_matrix", "placed_frame"]
 
@@ -56,7 +56,8 @@ class Frame:
     length_unit : ``"m"``, or ``"unknown"`` when nobody said.
     warnings : what was assumed, a :class:`~quantify_client.types.Notice` each.
     grid_crs : complete definition of the grid (WKT, with TOWGS84 if any); None means ``crs``.
-    geographic_crs : the cloud's own CRS when its coordinates are angles, else None.
+    geographic_crs : the cloud's own CRS when its coordinates are angles, or when it is measured on
+        the grid of another cloud; else None.
     unit_m, z_unit_m : metres per unit of the grid, and of the cloud's z (negative: depths).
     center_lon : longitude round which the cloud counts (geographic clouds only).
     placement : how control placed the cloud here; None where it stays as it was delivered. With
@@ -160,9 +161,10 @@ class Frame:
             return _enclosing(x / unit, y / unit, grow=0.0)
         x, y = _samples(window)
         lon, lat = transform(self.grid, self.geographic_crs, x / unit, y / unit)
-        turn = full_turn(self.geographic_crs)
-        # Clouds count 0..360 or -180..180, and some lie across the date line.
-        lon = (lon - self.center_lon + turn / 2) % turn + self.center_lon - turn / 2
+        if is_geographic(self.geographic_crs):
+            turn = full_turn(self.geographic_crs)
+            # Clouds count 0..360 or -180..180, and some lie across the date line.
+            lon = (lon - self.center_lon + turn / 2) % turn + self.center_lon - turn / 2
         return _enclosing(lon, lat, grow=_ENCLOSE)
 
     def bounds_to_frame(self, bounds: Bounds) -> Bounds:

@@ -8,10 +8,10 @@ from dataclasses import asdict, replace
 from datetime import datetime, timezone
 from functools import partial
 from pathlib import Path
-from typing import Any, Mapping, Optional, Tuple, Union
+from typing import Any, List, Mapping, Optional, Tuple, Union
 
 from ..crs import Frame, measuring_frame
-from ..options import Options, choose_shape, proposes, read_options
+from ..options import OPTIONS, Options, choose_shape, proposes, read_options
 from ..sfm.servers.access import Access
 from ..source import Source, is_address, open_source
 from ..types import SCHEMA, Floor, Measurement
@@ -20,7 +20,7 @@ from .checking import with_check_warnings
 from .common import cloud_warnings, coordinates_of, provenance
 from .streaming import Progress
 
-__all__ = ["describe", "measure"]
+__all__ = ["change", "describe", "measure"]
 
 #: A cloud with so many points is described by its headers and a few of its points.
 _MOST_READ = 1_000_000
@@ -53,6 +53,7 @@ def measure(
     density: Optional[Union[float, str]] = None,
     density_sigma: float = 0.0,
     threads: int = 0,
+    align: bool = True,
     progress: Optional[Progress] = None,
     access: Optional[Access] = None,
 ) -> Measurement:
@@ -65,11 +66,13 @@ def measure(
     area : file with polygons, or GeoJSON, shapely geometries or a GeoDataFrame; a result for each.
         Or ``"auto"``: outlines of stockpiles are proposed (:attr:`Measurement.proposals`) and
         measured; then least_height (m) and least_area (m2) say which are large enough.
-    shape, method, slices, slice_height, base, toe, layer, center_caps, hollow, max_gap, floor,
+    shape, method, slices, slice_height, toe, layer, center_caps, hollow, max_gap, floor,
     accuracy, grid, gcp, area_frame, scale_mode, crs, source_unit, vertical_unit, threads : as on
         the command line (``quantify-client volume --help``) and in :class:`Options`; lengths and
         elevations in metres.
     density, density_sigma : t/m3; or both in one text, ``"1.6:0.1"``.
+    base : a name, an elevation, or another survey of the place, given as a source is: it is brought
+        onto this one by ground outside of the areas, or (align=False) left where it is.
     progress : called with the stage and the share done, from 0 to 1.
     access : who asks a WebODM server; by default what QUANTIFY_WEBODM_USER and
         QUANTIFY_WEBODM_PASSWORD say.
@@ -84,9 +87,14 @@ def measure(
     QuantifyError
         One line that says what was found, what was expected and what to do.
     """
-    options = read_options(locals())
+    given = locals()
+    second = given["base"] if is_survey(base) else None
+    options = read_options({**given, "base": None} if second is not None else given)
     started, clock = datetime.now(timezone.utc), time.perf_counter()
     report = progress or (lambda stage, share: None)
+    if second is not None:
+        measured = _on_survey(list(sources), second, options, align, access, report)
+        return _finished(measured, options, started, clock)
     with open_source(
         list(sources),
         cameras=options.gcp is not None,
@@ -96,6 +104,118 @@ def measure(
         options=options,
     ) as source:
         measurement = every_point(source, partial(_measured, options=options, report=report))
+    return _finished((measurement, source), options, started, clock)
+
+
+def change(
+    before: Union[str, Path],
+    after: Union[str, Path],
+    *,
+    area: Optional[Any] = None,
+    align: bool = True,
+    slices: Union[str, int] = "auto",
+    slice_height: Optional[float] = None,
+    layer: str = "upper",
+    grid: bool = False,
+    source_unit: Optional[str] = None,
+    density: Optional[Union[float, str]] = None,
+    density_sigma: float = 0.0,
+    threads: int = 0,
+    progress: Optional[Progress] = None,
+    access: Optional[Access] = None,
+) -> Measurement:
+    """Measure what changed between two surveys.
+
+    The later one is brought onto the earlier one by ground outside of the areas (or, without areas,
+    by what most of the ground tells): by a shift, a lift and a tilt (Nuth and Kaab 2011,
+    doi:10.5194/tc-5-271-2011).
+
+    Parameters
+    ----------
+    before, after : sources as for :func:`measure`; areas are drawn on the earlier one.
+    area : as for :func:`measure`; without it all that both show is measured.
+    align : False leaves the later survey where it is.
+    slices, slice_height, layer, grid, source_unit, density, density_sigma, threads, progress,
+    access : as for :func:`measure`.
+
+    Returns
+    -------
+    Measurement
+        With cut as gain (after above before), fill as loss, and :attr:`Measurement.alignment`.
+
+    Raises
+    ------
+    QuantifyError
+        One line that says what was found, what was expected and what to do.
+    """
+    options = read_options(locals())
+    started, clock = datetime.now(timezone.utc), time.perf_counter()
+    report = progress or (lambda stage, share: None)
+    measured = _compared([before], [after], options, access, report, True, align)
+    return _finished(measured, options, started, clock)
+
+
+def is_survey(base: Any) -> bool:
+    """Return whether a base is no name and no elevation, but what another survey is in.
+
+    >>> is_survey("plane"), is_survey("12.5"), is_survey(None), is_survey("before.laz")
+    (False, False, False, True)
+    """
+    if isinstance(base, Path):
+        return True
+    if not isinstance(base, str) or base in OPTIONS["base"].choices:
+        return False
+    try:
+        float(base)
+    except ValueError:
+        return is_address(base) or Path(base).exists() or bool(Path(base).suffix)
+    return False
+
+
+def _on_survey(
+    sources: List[Union[str, Path]],
+    base: Union[str, Path],
+    options: Options,
+    align: bool,
+    access: Optional[Access],
+    report: Progress,
+) -> Tuple[Measurement, Source]:
+    """Measure sources on another survey, which is brought onto them."""
+    found, source = _compared(sources, [base], options, access, report, False, align)
+    return replace(found, kind="volume"), source
+
+
+def _compared(
+    reference: List[Union[str, Path]],
+    moved: List[Union[str, Path]],
+    options: Options,
+    access: Optional[Access],
+    report: Progress,
+    moved_is_later: bool,
+    align: bool,
+) -> Tuple[Measurement, Source]:
+    from .change import Surveys, measure_surveys
+
+    opened = partial(open_source, access=access, progress=report, options=options)
+    with opened(reference) as one, opened(moved) as other:
+        inputs = [*one.inputs, *other.inputs]
+
+        def measured(reference: Source) -> Measurement:
+            return every_point(
+                other,
+                lambda source: measure_surveys(
+                    Surveys(reference, source, moved_is_later, align), options, report
+                ),
+            )
+
+        return every_point(one, measured), replace(one, inputs=inputs)
+
+
+def _finished(
+    measured: Tuple[Measurement, Source], options: Options, started: datetime, clock: float
+) -> Measurement:
+    """Return a measurement with warnings of its checks, and what it was made of."""
+    measurement, source = measured
     seconds = time.perf_counter() - clock
     measurement = with_check_warnings(measurement)
     return replace(measurement, provenance=provenance(source, options, started, seconds))

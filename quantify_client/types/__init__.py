@@ -22,6 +22,7 @@ from .json_records import SCHEMA, document
 from .notice import Notice
 from .results import (
     INTERVAL95,
+    Aligned,
     AreaFailure,
     AreaResult,
     Body,
@@ -49,6 +50,7 @@ from .shapes import plain, warnings_json
 __all__ = [
     "INTERVAL95",
     "MAX_COORDINATE",
+    "Aligned",
     "AreaFailure",
     "AreaResult",
     "Bounds",

@@ -20,6 +20,7 @@ from .scaling import Crs, Line, Name, Positive, Scaling, Warnings
 from .shapes import Anything, Listed, Mapped, Number, Record, Text, Whole, plain
 
 __all__ = [
+    "Aligned",
     "AreaFailure",
     "AreaResult",
     "BudgetItem",
@@ -39,7 +40,16 @@ __all__ = [
 #: Half a 95 % interval, in standard deviations.
 INTERVAL95 = 1.96
 
-_SOURCES = ("survey", "base", "scale", "coverage", "slicing", "outline", "sampling")
+_SOURCES = (
+    "survey",
+    "base",
+    "scale",
+    "coverage",
+    "slicing",
+    "outline",
+    "sampling",
+    "alignment",
+)
 _SAID = {"value": Text(200), "source": Text(200)}
 _PARTS = ("CRS", "datum", "projection", "horizontal unit", "heights", "vertical unit")
 _PROVENANCE = Record(
@@ -266,6 +276,13 @@ class AreaResult:
     cell_m: Optional[Positive] = None
     checks: Annotated[Sequence[Check], Length(20)] = ()
     warnings: Warnings = ()
+    level_of_detection_m: Annotated[
+        Optional[Positive],
+        "On a second survey: 1.96 standard deviations of a typical cell's height over it.",
+    ] = None
+    area_changed_m2: Annotated[
+        Optional[Positive], "Of cells beyond their level of detection; null without a survey."
+    ] = None
     bases: Annotated[
         Sequence[AreaResult],
         Only(("base", "volume_m3", "cut_m3", "fill_m3", "std_m3")),
@@ -316,6 +333,25 @@ class Proposal:
     polygon_wkb: Annotated[bytes, LEFT_OUT] = field(default=b"", repr=False)
 
 
+@dataclass(frozen=True)
+class Aligned:
+    """How the second of two surveys lies on the first, on ground that did not change."""
+
+    moved: Annotated[str, Text(1000), "The survey that was moved."]
+    reference: Annotated[str, Text(1000), "The one that stayed where it is."]
+    aligned: Annotated[bool, "False: it was left where it is (--no-align)."]
+    shift_m: Annotated[Tuple[float, float, float], "East, north and up, at the middle."]
+    shift_std_m: Tuple[float, float, float]
+    tilt: Annotated[Tuple[float, float], "Rise to east and north, metres per metre."]
+    stable_rms_m: Annotated[
+        float, Number(0), "Robust standard deviation of differences on stable ground, as measured."
+    ]
+    before_rms_m: Annotated[Optional[float], "Likewise before it was moved; null: none in common."]
+    bias_m: Annotated[Optional[float], "Mean difference there before it was moved."]
+    bias_std_m: Optional[float]
+    stable_area_m2: Positive
+
+
 @dataclass(frozen=True, repr=False)
 class Measurement(Notebook):
     """All results of one measurement.
@@ -345,6 +381,12 @@ class Measurement(Notebook):
         int, Whole(1), "Volumes of different revisions are not comparable. Missing: 1."
     ] = 1
     proposals: Annotated[Sequence[Proposal], Length(1000), "With --area auto."] = ()
+    kind: Annotated[
+        str,
+        Text(among=("volume", "change")),
+        "Change: cut is gain (after above before), fill is loss.",
+    ] = "volume"
+    alignment: Annotated[Optional[Aligned], "Of a second survey; null without one."] = None
     frame: Annotated[Optional[Any], LEFT_OUT] = field(default=None, repr=False, compare=False)
 
     @property

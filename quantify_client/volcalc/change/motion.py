@@ -42,6 +42,11 @@ class Motion:
         """Return the motion in coordinates that count from another origin."""
         return replace(self, centre=(self.centre[0] - x, self.centre[1] - y))
 
+    def applied(self, places: FloatArray) -> FloatArray:
+        """Return places (N, 3) moved, metres."""
+        x, y = places[:, 0] + self.shift[0], places[:, 1] + self.shift[1]
+        return np.stack([x, y, places[:, 2] + self.up_at(x, y)], axis=1)
+
     @property
     def matrix(self) -> Matrix4:
         """The same for coordinates in the frame, 4 x 4."""

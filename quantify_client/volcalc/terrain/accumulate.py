@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Iterator, List, Mapping, Sequence, Tuple
+from typing import Any, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,7 @@ from shapely.geometry import MultiPolygon, Polygon
 from ...types import FloatArray, IntArray, Window
 from .around import AroundRoutes, AroundSamples, patch_side
 from .buckets import Buckets
+from .difference import OtherSurvey
 from .grid import EDGE_TOLERANCE, CellWindow
 from .histogram import (
     Cubes,
@@ -52,12 +53,14 @@ class AreaPoints:
     sample : (K, 3) float64, some real points over the area, for the check.
     around : (K, 3) float64, some real points up to the area's longer side away, evenly spread;
         those over the area are among them.
+    other : a second survey of the area, where it is compared with one.
     """
 
     box: Window
     cubes: Cubes
     sample: FloatArray
     around: FloatArray
+    other: Optional[OtherSurvey] = None
 
     @property
     def origin(self) -> Tuple[float, float]:
@@ -117,6 +120,7 @@ class AreaPoints:
             cubes=self.cubes.shifted(east, north),
             sample=self.sample + np.array([x, y, 0.0]),
             around=self.around + np.array([x, y, 0.0]),
+            other=self.other and self.other.shifted(east, north),
         )
 
 

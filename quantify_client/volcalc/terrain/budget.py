@@ -40,7 +40,10 @@ _BOOLS = npt.NDArray[np.bool_]
 
 
 def error_budget(volume: CutFill) -> list[BudgetItem]:
-    """Return the items survey, base, coverage and slicing, each for net, cut and fill."""
+    """Return the items survey, base, coverage and slicing, each for net, cut and fill.
+
+    Of two surveys also alignment.
+    """
     surface, noise = volume.surface, volume.surface.noise
     weights = surface.a * volume.sides
     net = _survey_and_base(weights[:1], volume)
@@ -56,6 +59,8 @@ def error_budget(volume: CutFill) -> list[BudgetItem]:
         "coverage": np.hypot(_coverage(surface, weights > 0), _unmeasured(volume)),
         "slicing": np.array(_slicing(volume, weights > 0)),
     }
+    if surface.second is not None:
+        stds["alignment"] = np.concatenate([_misaligned(w, volume) for w in (weights[:1], either)])
     return [BudgetItem(source, *values.tolist()) for source, values in stds.items()]
 
 
@@ -123,10 +128,29 @@ def _ground_error(weights: FloatArray, volume: CutFill, survey: FloatArray) -> F
     if ground is None:
         return np.asarray(surface.noise.independent * of_cells.sum(axis=1))
     x, y = surface.heights.window.middles(inside)
-    departure = of_cells @ (volume.base.z[inside] - ground.heights(x, y))
+    # That of a survey is told as its misalignment.
+    off = volume.base.z[inside] - ground.heights(x, y) if surface.second is None else 0.0 * x
+    departure = of_cells @ off
     square = (of_cells**2).sum(axis=1)
     finer = _beyond_chance(ground.unshared * square - survey**2, ground.unshared_std * square)
     return np.asarray(np.sqrt(departure**2 + ground.errors(x, y, of_cells) ** 2 + finer))
+
+
+def _misaligned(weights: FloatArray, volume: CutFill) -> FloatArray:
+    """Return what two surveys that lie off each other make of sums(weights * r), (K,) m3.
+
+    By what they differ by under the area as far as the ground around tells, which an alignment
+    brings to none, and by how well their shift in plan is known.
+    """
+    surface, inside = volume.surface, volume.surface.inside
+    if surface.second is None:
+        return np.zeros(len(weights))
+    of_cells = weights[:, inside]
+    rise = np.stack([of_cells @ np.nan_to_num(one[inside]) for one in surface.second.slope])
+    square = np.einsum("ik,ij,jk->k", rise, surface.second.covariance, rise)
+    if volume.ground is not None:
+        square += (of_cells @ volume.ground.heights(*surface.heights.window.middles(inside))) ** 2
+    return np.asarray(np.sqrt(np.maximum(square, 0.0)))
 
 
 def _beyond_chance(excess: FloatArray, std: FloatArray) -> FloatArray:
@@ -174,7 +198,8 @@ def _coverage(surface: AreaSurface, sides: _BOOLS) -> list[float]:
     depth = np.where(gaps.any(axis=0), surface.nearest[0], 0.0)
     lags, off = _off_neighbours(surface, float(depth.max()))
     by_shape = np.interp(depth, lags, off)
-    inward = _inward_slope(surface.filled, ~surface.measured)
+    shape = surface.filled if surface.second is None else surface.filled - surface.second.z
+    inward = _inward_slope(shape, ~surface.measured)
     step = _steps(surface.heights.z, gaps.any(axis=0))
     return [_over_gaps(gap, surface.a, depth, by_shape, inward, step) for gap in gaps]
 

@@ -22,6 +22,7 @@ from ...types import AreaResult, BudgetItem, FloatArray, Notice, Window
 from .accumulate import AreaPoints
 from .budget import standard_deviations
 from .coverage import cells_of_clumps
+from .difference import in_same_cells, marked
 from .heights import fit_cells, mark_layers
 from .histogram import Cubes
 from .layers import find_layers
@@ -70,7 +71,14 @@ def _first(
     name: str, polygon: Union[Polygon, MultiPolygon], points: AreaPoints, recipe: TerrainRecipe
 ) -> Tuple[Tuple[Measured, ...], AreaPoints]:
     """Return the results with the first grid offset, and the points in its cells."""
-    cubes = fit_cells(points.cubes, Window(*polygon.bounds))
+    bounds = Window(*polygon.bounds)
+    if points.other is not None:
+        cubes, of_other = in_same_cells(
+            points.cubes, points.other.cubes, points.other.motion, bounds
+        )
+        other = marked(replace(points.other, cubes=of_other), bounds)
+        return _in_cells(cubes, name, polygon, replace(points, other=other), recipe)
+    cubes = fit_cells(points.cubes, bounds)
     try:
         return _in_cells(cubes, name, polygon, points, recipe)
     except SupportError:

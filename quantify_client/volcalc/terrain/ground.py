@@ -158,6 +158,7 @@ def find_ground(
     around: FloatArray | None = None,
     beyond: int = _MARGIN,
     off: npt.NDArray[np.bool_] | None = None,
+    over: FloatArray | None = None,
 ) -> Ground | None:
     """Return the ground under an area, or None where too little of it is seen around the area.
 
@@ -169,6 +170,7 @@ def find_ground(
     around : (K, 3) single points; those beyond the window count.
     beyond : cells beyond the area over which there are heights, but no errors.
     off : (ny, nx) cells that are no ground of the area (`walls`).
+    over : (ny, nx) where it is wanted, if not over `fraction`, which says where nothing is known.
     """
     known = ground_blocks(
         polygon, heights, fraction, np.empty((0, 3)) if around is None else around, off
@@ -176,7 +178,8 @@ def find_ground(
     if known is None:
         return None
     step = max(known.finest, float(np.sqrt(polygon.area / _SQUARES)))
-    away, window = ndimage.distance_transform_edt(fraction <= 0), heights.window
+    over = fraction if over is None else over
+    away, window = ndimage.distance_transform_edt(over <= 0), heights.window
     lattice, wide = (
         _Lattice.over(*window.middles(away <= cells), window.cell, size)
         for cells, size in ((_MARGIN, step), (beyond, _WIDE * step))

@@ -330,7 +330,8 @@ def _collect(
         np.bincount(flat, cubes.count * (2 * (index % cubes.factor) + 1.0), size)
         / np.maximum(2 * cubes.factor * count, 1)
         - 0.5
-        for index in (cubes.column, cubes.row)
+        + off / window.cell
+        for index, off in zip((cubes.column, cubes.row), cubes.off)
     )
     z, placed = _at_middles(z.reshape(shape), east.reshape(shape), north.reshape(shape))
     places = _places(cubes, flat, count)

@@ -79,6 +79,7 @@ class Cubes:
     height : height of a cube, in quanta.
     factor : cubes along the side of a cell.
     too_far : points over the area that are too high or too low to be kept.
+    off : east and north of where all points are from where the cubes say, metres: less than a cube.
     """
 
     column: IntArray
@@ -94,6 +95,7 @@ class Cubes:
     height: int
     factor: int = 1
     too_far: int = 0
+    off: tuple[float, float] = (0.0, 0.0)
 
     def select(self, which: npt.NDArray[np.bool_] | IntArray) -> Cubes:
         """Return some of the cubes."""

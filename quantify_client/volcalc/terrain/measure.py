@@ -13,23 +13,29 @@ from scipy import ndimage
 from shapely.geometry import MultiPolygon, Polygon
 
 from ...options import DEFAULT_BASE, DEFAULT_LAYER
-from ...types import AreaResult, BudgetItem, FloatArray, Relief
+from ...types import INTERVAL95, AreaResult, BudgetItem, FloatArray, Relief
 from .accumulate import AreaPoints
 from .around_outline import standing
-from .base import BASES, KRIGED, make_base
+from .base import BASES, KRIGED, Base, make_base
 from .budget import error_budget, standard_deviations
+from .difference import find_difference
 from .flanks import NOT_ON_PILE, Flanks, find_flanks
 from .ground import Ground, find_ground
 from .integrate import above_mask, integrate_slices, slab_edges
 from .layers import NO_LAYERS, Layers
 from .profiles import beside_walls, off_ground
 from .rim import Crossing, Rim, bridge_crossings
+from .robust import MAD, SURE, quantile
 from .surface import AreaSurface, CutFill, find_surface
 from .tin import tin_check
 from .toe import on_flanks
 from .warnings import Findings
 
 __all__ = ["Measured", "Sides", "TerrainRecipe", "measure_sides", "measure_terrain"]
+
+#: Where fewer cells than this share of those of an area are known around it, what did not change in
+#: it tells how surveys differ.
+_FEW_AROUND = 0.05
 
 #: Cells beyond the outline over which the toe of a pile is looked for: less than the margin.
 _BEYOND = 20
@@ -112,9 +118,11 @@ def measure_terrain(
     SupportError
         When points support less than half of the area.
     """
-    surface = find_surface(polygon, points.cubes, recipe.ground_factor, recipe.layer)
+    surface = _surface(polygon, points, recipe)
     ground, flanks = None, None
-    if isinstance(recipe.base, str):
+    if surface.second is not None:
+        ground = _of_changes(surface, points)
+    elif isinstance(recipe.base, str):
         ground, flanks = _ground(surface, points)
     measure = partial(_on_base, name, surface, ground, flanks, points, recipe, layers)
     return tuple(map(measure, _bases(recipe)))
@@ -135,9 +143,7 @@ def measure_sides(
     SupportError
         See `measure_terrain`.
     """
-    surface = find_surface(
-        polygon, points.cubes, recipe.ground_factor, recipe.layer, walled=first.walled
-    )
+    surface = _surface(polygon, points, recipe, walled=first.walled)
     found = []
     for base in _bases(recipe):
         volume, _ = _cut_and_fill(base, surface, first.ground, first.noise)
@@ -145,6 +151,39 @@ def measure_sides(
         cut, fill = float(each[volume.above].sum()), -float(each[~volume.above].sum())
         found.append(Sides(cut, fill, volume.below))
     return tuple(found)
+
+
+def _of_changes(surface: AreaSurface, points: AreaPoints) -> Ground | None:
+    """Return what two surveys differ by where nothing changed, predicted under the area.
+
+    Of an area with nothing around it that is known from what of it did not change.
+    """
+    fraction, z = surface.fraction, surface.heights.z
+    outside = np.isfinite(z) & ~surface.inside
+    if np.count_nonzero(outside) < _FEW_AROUND * np.count_nonzero(surface.inside):
+        known = np.isfinite(z)
+        limit = SURE * MAD * quantile(np.abs(z[known]), 0.5)
+        changed = ndimage.binary_opening(known & (np.abs(z) > limit), np.ones((3, 3)))
+        # Blocks are those around something.
+        changed.flat[int(np.nanargmax(np.abs(z)))] = True
+        fraction = ndimage.binary_dilation(changed | ~known, np.ones((3, 3))).astype(np.float64)
+    around = None if points.other is None else points.other.changes
+    return find_ground(surface.polygon, surface.heights, fraction, around, over=surface.fraction)
+
+
+def _surface(
+    polygon: Polygon | MultiPolygon,
+    points: AreaPoints,
+    recipe: TerrainRecipe,
+    *,
+    walled: bool = True,
+) -> AreaSurface:
+    """Return the surface of an area, over that of another survey where there is one."""
+    if points.other is not None:
+        return find_difference(
+            polygon, points.cubes, points.other, recipe.ground_factor, recipe.layer
+        )
+    return find_surface(polygon, points.cubes, recipe.ground_factor, recipe.layer, walled=walled)
 
 
 def _bases(recipe: TerrainRecipe) -> Sequence[Union[str, float]]:
@@ -163,6 +202,8 @@ def _cut_and_fill(
     ----------
     noise : standard deviation of cells' heights, metres.
     """
+    if surface.second is not None:
+        return _over(surface, Base(surface.second.name, surface.second.z, None), ground, noise), []
     rim: Rim | None = None
     crossings: list[Crossing] = []
     if base_name != KRIGED or ground is None:
@@ -172,13 +213,20 @@ def _cut_and_fill(
     # One cell more all around, for slopes at the outline.
     covered = ndimage.binary_dilation(surface.inside, np.ones((3, 3)))
     base = make_base(base_name, rim, surface.parts, surface.heights.window, covered, ground)
+    return _over(surface, base, ground, noise), crossings
+
+
+def _over(
+    surface: AreaSurface, base: Base, ground: Ground | None, noise: Union[float, FloatArray]
+) -> CutFill:
+    """Return the heights of the parts of cells inside the area over a base."""
     r, r_std = surface.over_parts(surface.filled - base.z)
     if surface.at_walls is not None:
         z, std = surface.at_walls
         known = np.isfinite(z)
         r = np.where(known & (surface.fraction < 1), z - base.z, r)
         r_std = np.where(known, std, r_std)
-    return CutFill(surface, base, ground, r, r_std, above_mask(r, surface.a, noise)), crossings
+    return CutFill(surface, base, ground, r, r_std, above_mask(r, surface.a, noise))
 
 
 def _on_base(
@@ -195,13 +243,14 @@ def _on_base(
     volume, crossings = _cut_and_fill(base_name, surface, ground, surface.noise.cell)
     rim = volume.base.rim
     on_pile = NOT_ON_PILE if flanks is None else flanks.on_pile(recipe.ground_factor)
-    at_wall = (0.0, 0.0) if ground is None else beside_walls(surface, ground)
+    compared = surface.second is not None
+    at_wall = (0.0, 0.0) if ground is None or compared else beside_walls(surface, ground)
     lost = surface.fraction[surface.inside & ~np.isfinite(surface.filled)].sum()
     findings = Findings(
         crossings=tuple((one.height, one.length / recipe.ground_factor) for one in crossings),
         lost_m2=float(lost) * surface.cell**2,
         unsupported_rim=0.0 if rim is None else 1.0 - rim.supported,
-        relief_m=0.0 if ground is None else ground.relief,
+        relief_m=0.0 if ground is None or compared else ground.relief,
         on_pile=on_pile,
         at_wall=max(at_wall, on_pile.at_edge),
         layers=layers,
@@ -286,6 +335,7 @@ def _result(
     each = surface.a * np.nan_to_num(volume.r)
     cut, fill = float(each[cut_cells].sum()), -float(each[fill_cells].sum())
     std, cut_std, fill_std = standard_deviations(budget)
+    detected = _detected(volume)
     edges = slab_edges(float(r.min()), float(r.max()), recipe.slices, recipe.slice_height)
     even = np.allclose(np.diff(edges), edges[1] - edges[0], rtol=1e-6)
     elevation = surface.filled[inside & np.isfinite(surface.filled)]
@@ -316,7 +366,22 @@ def _result(
         cell_m=surface.cell,
         checks=tin_check(points.sample, volume, budget),
         relief=_relief(volume, points),
+        level_of_detection_m=detected and detected[0],
+        area_changed_m2=detected and detected[1],
     )
+
+
+def _detected(volume: CutFill) -> tuple[float, float] | None:
+    """Return from which height on changes of a cell are detected, and the area where they are.
+
+    None where it is not measured on a survey.
+    """
+    if volume.surface.second is None:
+        return None
+    limit = INTERVAL95 * _sigma(volume)
+    known = np.isfinite(limit)
+    beyond = known & (np.abs(np.nan_to_num(volume.r)) > limit)
+    return float(np.median(limit[known])), float(volume.surface.a[beyond].sum())
 
 
 def _relief(volume: CutFill, points: AreaPoints) -> Relief:

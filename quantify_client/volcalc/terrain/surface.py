@@ -34,6 +34,24 @@ _LEFT_OUT = {"upper": LOWER, "lower": UPPER, "mean": 0}
 
 
 @dataclass(frozen=True)
+class Second:
+    """The earlier one of two surveys, which the later one is measured on.
+
+    Attributes
+    ----------
+    name : of the other survey.
+    z : (ny, nx) float64, heights with gaps closed, metres.
+    slope : two of (ny, nx), to east and to north.
+    covariance : (2, 2) of the shift that brought both together, m2.
+    """
+
+    name: str
+    z: FloatArray
+    slope: tuple[FloatArray, FloatArray]
+    covariance: FloatArray
+
+
+@dataclass(frozen=True)
 class AreaSurface:
     """The surface of an area, whatever its base.
 
@@ -50,6 +68,8 @@ class AreaSurface:
     at_walls : heights of the parts inside, and their standard deviations, (ny, nx) metres, of steep
         cells; None where there is no wall.
     ground_factor : grid length / ground length at the site.
+    second : what it is measured on, if that is a survey: `heights` are then those over it, and so
+        is their noise.
     """
 
     polygon: Polygon | MultiPolygon
@@ -62,6 +82,7 @@ class AreaSurface:
     walls: Walls
     at_walls: tuple[FloatArray, FloatArray] | None
     ground_factor: float
+    second: Second | None = None
 
     @property
     def cell(self) -> float:

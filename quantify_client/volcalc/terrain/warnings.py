@@ -177,9 +177,9 @@ def _of_unsure_layers(findings: Findings, result: AreaResult) -> Iterator[Notice
     yield Notice(
         "two-surfaces",
         f"over {share:.1%} of the area there may be two surfaces, one about {apart:.2g} m above "
-        "the other (trees or a roof over ground), or a box or wall: too few points tell, and all were "
-        "measured as one surface; look at the cloud there, and leave out of the outline what is "
-        "not to be measured",
+        "the other (trees or a roof over ground), or a box or wall: too few points tell, and all "
+        "were measured as one surface; look at the cloud there, and leave out of the outline what "
+        "is not to be measured",
         share=share,
         apart_m=apart,
         layer="mean",
