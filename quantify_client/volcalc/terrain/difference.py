@@ -162,7 +162,8 @@ def _lifted(surface: AreaSurface, motion: Motion) -> AreaSurface:
     everywhere = np.ones(window.shape, dtype=bool)
     up = motion.up_at(*window.middles(everywhere)).reshape(window.shape)
     walls = surface.at_walls and (surface.at_walls[0] + up, surface.at_walls[1])
-    heights = replace(surface.heights, z=surface.heights.z + up)
+    seen = surface.heights
+    heights = replace(seen, z=seen.z + up, low=seen.low + up, high=seen.high + up)
     return replace(surface, heights=heights, filled=surface.filled + up, at_walls=walls)
 
 

@@ -119,6 +119,8 @@ def robust_plane_weights(
         residual = np.abs(height - _about(plane, u, v) @ linear.T)
         residual[~usable] = np.inf
         limit = np.maximum(TUKEY * MAD * _row_median(residual, count), 1e-9)[:, None]
+        # Infinite where nothing is usable, as are all residuals there.
+        limit = np.where(np.isfinite(limit), limit, 1.0)
         weight = np.clip(1.0 - (residual / limit) ** 2, 0.0, None) ** 2
     total = share.sum(axis=1, keepdims=True)
     # The damping leaves the sum slightly below one, and heights have a large common part.

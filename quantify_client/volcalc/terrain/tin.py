@@ -16,12 +16,13 @@ the difference between the two TINs, less its own noise, is what the full one mi
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Sequence
 
 import numpy as np
 import shapely
 import shapely.affinity
+from scipy import ndimage
 from scipy.spatial import Delaunay
 from shapely.geometry import MultiPolygon, Polygon
 
@@ -53,19 +54,40 @@ def tin_check(
     points : (K, 3) real points.
     budget : of the volume.
     """
-    surface = volume.surface
+    surface, below = volume.surface, volume.below
+    heights = surface.heights
+    if surface.second is not None:
+        points, heights, below = _changes(points, surface, surface.second.z), _endless(heights), 0.0
     rim, factor = surface.rim, surface.ground_factor
     # Whatever the base, the TIN ends at the rim as it was found.
-    tin = None if rim is None else tin_integral(points, surface.polygon, rim, surface.heights)
+    tin = None if rim is None else tin_integral(points, surface.polygon, rim, heights)
     if rim is None or tin is None:
         return ()
     cells = -onto_measured(surface.a[None], surface)[0]
     unlike = [item.std_m3 for item in budget if item.source in _APART]
     margin = _CHANCE * math.hypot(_noise(tin, cells, rim, surface), *unlike)
-    half = tin_integral(points, surface.polygon, rim, surface.heights, half=True)
+    half = tin_integral(points, surface.polygon, rim, heights, half=True)
     if half is not None:
         margin += _facets(tin, half, rim, surface)
-    return (Check(METHOD, tin.volume / factor**2 - volume.below, margin),)
+    return (Check(METHOD, tin.volume / factor**2 - below, margin),)
+
+
+def _changes(points: FloatArray, surface: AreaSurface, earlier: FloatArray) -> FloatArray:
+    """Return the points that are on the surface with their heights over an earlier one, (K, 3).
+
+    A TIN of changes cuts off what changed, and not the terrain's shape, which both have.
+    """
+    points, _ = _nodes(points, surface.polygon, surface.heights)
+    u, v = surface.heights.window.in_cells(points[:, 0], points[:, 1])
+    below = ndimage.map_coordinates(earlier, (v - 0.5, u - 0.5), order=1, mode="nearest")
+    z = points[:, 2] - below
+    return np.asarray(np.column_stack([points[:, :2], z])[np.isfinite(z)])
+
+
+def _endless(heights: CellHeights) -> CellHeights:
+    """Return heights in whose cells no point is an outlier."""
+    none = np.full(heights.z.shape, np.inf)
+    return replace(heights, low=-none, high=none)
 
 
 def _noise(tin: TinIntegral, cells: FloatArray, rim: Rim, surface: AreaSurface) -> float:
