@@ -193,8 +193,15 @@ def _brought_together(
                 f"{name} has no points where both surveys could overlap; expected two surveys of "
                 "the same place"
             )
-    still = np.zeros((2, 2))
-    raw = OtherSurvey("", points[1].cubes, STILL, still, surveys.moved_is_later, np.empty((0, 3)))
+    raw = OtherSurvey(
+        surveys.base,
+        points[1].cubes,
+        STILL,
+        np.zeros((2, 2)),
+        surveys.moved_is_later,
+        surveys.aligned,
+        np.empty((0, 3)),
+    )
     outlines = [points[0].to_local(area.polygon) for area in areas if isinstance(area, Area)]
     alignment = _alignment(surveys, points[0], raw, outlines)
     moved = replace(raw, motion=alignment.motion)
@@ -334,6 +341,7 @@ class _Sites:
             motion,
             self.together.alignment.covariance[:2, :2],
             self.surveys.moved_is_later,
+            self.surveys.aligned,
             self.together.changes - np.array([east, north, 0.0]),
         )
         return replace(points, other=second)

@@ -139,8 +139,8 @@ def _ground_error(weights: FloatArray, volume: CutFill, survey: FloatArray) -> F
 def _misaligned(weights: FloatArray, volume: CutFill) -> FloatArray:
     """Return what two surveys that lie off each other make of sums(weights * r), (K,) m3.
 
-    By what they differ by under the area as far as the ground around tells, which an alignment
-    brings to none, and by how well their shift in plan is known.
+    By how well their shift in plan is known and, if they were left where they are, by what they
+    differ by under the area as far as the ground around tells.
     """
     surface, inside = volume.surface, volume.surface.inside
     if surface.second is None:
@@ -148,7 +148,7 @@ def _misaligned(weights: FloatArray, volume: CutFill) -> FloatArray:
     of_cells = weights[:, inside]
     rise = np.stack([of_cells @ np.nan_to_num(one[inside]) for one in surface.second.slope])
     square = np.einsum("ik,ij,jk->k", rise, surface.second.covariance, rise)
-    if volume.ground is not None:
+    if volume.ground is not None and not surface.second.aligned:
         square += (of_cells @ volume.ground.heights(*surface.heights.window.middles(inside))) ** 2
     return np.asarray(np.sqrt(np.maximum(square, 0.0)))
 

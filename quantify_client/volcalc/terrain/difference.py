@@ -39,6 +39,7 @@ class OtherSurvey:
     motion : that brings it onto the first, from that origin.
     covariance : (2, 2) of the shift to east and north, m2.
     is_later : whether it is what is measured, and the first one the base; else the other way round.
+    aligned : whether it is brought onto the first.
     changes : (K, 3) x, y and later minus earlier height of places around, metres.
     """
 
@@ -47,6 +48,7 @@ class OtherSurvey:
     motion: Motion
     covariance: FloatArray
     is_later: bool
+    aligned: bool
     changes: FloatArray
 
     def shifted(self, east: int, north: int) -> OtherSurvey:
@@ -138,7 +140,7 @@ def find_difference(
         heights=difference,
         coverage=min(after.coverage, before.coverage),
         at_walls=_at_walls(after, before),
-        second=Second(other.name, before.filled, slope, other.covariance),
+        second=Second(other.name, before.filled, slope, other.covariance, other.aligned),
     )
 
 

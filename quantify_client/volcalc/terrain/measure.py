@@ -26,7 +26,7 @@ from .layers import NO_LAYERS, Layers
 from .profiles import beside_walls, off_ground
 from .rim import Crossing, Rim, bridge_crossings
 from .robust import MAD, SURE, quantile
-from .surface import AreaSurface, CutFill, find_surface
+from .surface import AreaSurface, CutFill, Second, find_surface
 from .tin import tin_check
 from .toe import on_flanks
 from .warnings import Findings
@@ -203,7 +203,7 @@ def _cut_and_fill(
     noise : standard deviation of cells' heights, metres.
     """
     if surface.second is not None:
-        return _over(surface, Base(surface.second.name, surface.second.z, None), ground, noise), []
+        return _over(surface, _earlier(surface, surface.second, ground), ground, noise), []
     rim: Rim | None = None
     crossings: list[Crossing] = []
     if base_name != KRIGED or ground is None:
@@ -214,6 +214,16 @@ def _cut_and_fill(
     covered = ndimage.binary_dilation(surface.inside, np.ones((3, 3)))
     base = make_base(base_name, rim, surface.parts, surface.heights.window, covered, ground)
     return _over(surface, base, ground, noise), crossings
+
+
+def _earlier(surface: AreaSurface, second: Second, ground: Ground | None) -> Base:
+    """Return an earlier survey as a base, as far off as both are where nothing changed."""
+    z = second.z
+    if ground is not None and second.aligned:
+        covered = ndimage.binary_dilation(surface.inside, np.ones((3, 3)))
+        z = z.copy()
+        z[covered] += ground.heights(*surface.heights.window.middles(covered))
+    return Base(second.name, z, None)
 
 
 def _over(

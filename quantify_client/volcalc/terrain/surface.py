@@ -43,12 +43,14 @@ class Second:
     z : (ny, nx) float64, heights with gaps closed, metres.
     slope : two of (ny, nx), to east and to north.
     covariance : (2, 2) of the shift that brought both together, m2.
+    aligned : whether what they differ by where nothing changed is taken off.
     """
 
     name: str
     z: FloatArray
     slope: tuple[FloatArray, FloatArray]
     covariance: FloatArray
+    aligned: bool = True
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,9 @@ def tin_check(
     surface, below = volume.surface, volume.below
     heights = surface.heights
     if surface.second is not None:
-        points, heights, below = _changes(points, surface, surface.second.z), _endless(heights), 0.0
+        points, heights = _changes(points, surface, surface.second.z), _endless(heights)
+        off = np.nan_to_num(volume.base.z - surface.second.z)
+        below = float((surface.a * off).sum())
     rim, factor = surface.rim, surface.ground_factor
     # Whatever the base, the TIN ends at the rim as it was found.
     tin = None if rim is None else tin_integral(points, surface.polygon, rim, heights)
