@@ -178,10 +178,11 @@ def test_a_survey_in_feet_is_brought_into_metres(before, moved, tmp_path):
     foot = 1200 / 3937
     text = "+proj=utm +zone=32 +datum=WGS84 +units=us-ft +no_defs"
     header = laspy.LasHeader(point_format=6, version="1.4")
-    header.scales = [1e-3] * 3
     header.add_crs(CRS.from_user_input(text))
+    x, y, z = (moved + np.array([[EAST], [NORTH], [0.0]])) / foot
+    header.scales, header.offsets = [1e-3] * 3, [x.min(), y.min(), 0.0]
     las = laspy.LasData(header)
-    las.x, las.y, las.z = (moved + np.array([[EAST], [NORTH], [0.0]])) / foot
+    las.x, las.y, las.z = x, y, z
     las.write(str(tmp_path / "after.laz"))
     found = quantify_client.change(before, tmp_path / "after.laz", area=BOTH)
     gained_and_lost(found)

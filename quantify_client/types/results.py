@@ -157,6 +157,8 @@ class Relief:
     proposal_wkb : likewise, the outline to use instead where the area's own is on a pile.
     sigma_m : (ny, nx) float64, standard deviation of each cell's height above the base, of its
         noise and of the base where that of the ground is known; NaN outside the area.
+    undetected : (ny, nx) bool, cells whose change between two surveys is below their level of
+        detection; None where there is one survey.
     """
 
     min_x: float
@@ -169,6 +171,7 @@ class Relief:
     polygon_wkb: bytes
     proposal_wkb: Optional[bytes] = None
     sigma_m: Optional[FloatArray] = None
+    undetected: Optional[npt.NDArray[np.bool_]] = None
 
 
 @dataclass(frozen=True)

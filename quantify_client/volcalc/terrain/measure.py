@@ -345,7 +345,7 @@ def _result(
     each = surface.a * np.nan_to_num(volume.r)
     cut, fill = float(each[cut_cells].sum()), -float(each[fill_cells].sum())
     std, cut_std, fill_std = standard_deviations(budget)
-    detected = _detected(volume)
+    limit, undetected = _limits(volume), _undetected(volume)
     edges = slab_edges(float(r.min()), float(r.max()), recipe.slices, recipe.slice_height)
     even = np.allclose(np.diff(edges), edges[1] - edges[0], rtol=1e-6)
     elevation = surface.filled[inside & np.isfinite(surface.filled)]
@@ -376,22 +376,25 @@ def _result(
         cell_m=surface.cell,
         checks=tin_check(points.sample, volume, budget),
         relief=_relief(volume, points),
-        level_of_detection_m=detected and detected[0],
-        area_changed_m2=detected and detected[1],
+        level_of_detection_m=None if limit is None else float(np.nanmedian(limit)),
+        area_changed_m2=(
+            None if undetected is None else float(surface.a[known & ~undetected].sum())
+        ),
     )
 
 
-def _detected(volume: CutFill) -> tuple[float, float] | None:
-    """Return from which height on changes of a cell are detected, and the area where they are.
+def _limits(volume: CutFill) -> FloatArray | None:
+    """Return the level of detection of each cell at 95 %, (ny, nx) metres; NaN outside.
 
     None where it is not measured on a survey.
     """
-    if volume.surface.second is None:
-        return None
-    limit = INTERVAL95 * _sigma(volume)
-    known = np.isfinite(limit)
-    beyond = known & (np.abs(np.nan_to_num(volume.r)) > limit)
-    return float(np.median(limit[known])), float(volume.surface.a[beyond].sum())
+    return None if volume.surface.second is None else INTERVAL95 * _sigma(volume)
+
+
+def _undetected(volume: CutFill) -> npt.NDArray[np.bool_] | None:
+    """Return the cells (ny, nx) whose change is below their level of detection."""
+    limit = _limits(volume)
+    return None if limit is None else np.isfinite(limit) & (np.abs(volume.r) <= limit)
 
 
 def _relief(volume: CutFill, points: AreaPoints) -> Relief:
@@ -407,6 +410,7 @@ def _relief(volume: CutFill, points: AreaPoints) -> Relief:
         surface.measured,
         points.to_frame(surface.polygon).wkb,
         sigma_m=_sigma(volume),
+        undetected=_undetected(volume),
     )
 
 

@@ -72,6 +72,8 @@ def draw_plan(axes: Any, ground: Relief, slices: Sequence[Slice], limit: float, 
         words.append("contours of the slices")
     if interpolated(ground).any():
         words.append("hatched: interpolated")
+    if ground.undetected is not None and ground.undetected.any():
+        words.append("hatched grey: no change detected")
     outline(axes, shapely.from_wkb(ground.polygon_wkb))
     axes.annotate(
         "   \u00b7   ".join(words),

@@ -142,7 +142,9 @@ def lit(rgb: FloatArray, light: FloatArray) -> FloatArray:
 def enlarge(
     rgba: npt.NDArray[np.uint8], ground: Relief, shape: Tuple[int, int]
 ) -> npt.NDArray[np.uint8]:
-    """Return the colours at the size of the picture, with interpolated cells hatched.
+    """Return the colours at the size of the picture, with some cells hatched.
+
+    Interpolated ones one way, and those whose change is not detected the other way.
 
     `rgba` is (ny, nx, 4) uint8, painted from `ground`; `shape` are rows and columns of the
     picture, so that the lines stay thin on any grid. A grid that has more is returned as fine as
@@ -155,6 +157,10 @@ def enlarge(
     stripes = (np.arange(rows)[:, None] + np.arange(columns)[None, :]) % HATCH_PX < 2
     lines = interpolated(ground)[cells] & stripes
     large[lines, :3] = (0.5 * large[lines, :3]).astype(np.uint8) + np.uint8(16)
+    if ground.undetected is not None:
+        across = (np.arange(rows)[:, None] - np.arange(columns)[None, :]) % HATCH_PX < 2
+        lines = ground.undetected[cells] & across
+        large[lines, :3] = (0.6 * large[lines, :3]).astype(np.uint8) + np.uint8(48)
     return large
 
 
