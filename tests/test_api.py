@@ -17,7 +17,7 @@ from commands import PILE, UTM
 from terrains import circle, placed
 
 import quantify_client
-from quantify_client import Measurement, Options, describe, measure, scale
+from quantify_client import Measurement, Options, change, describe, measure, scale
 from quantify_client.crs import UNITS_M
 from quantify_client.errors import MissingExtraError, UsageError
 from quantify_client.options import (
@@ -79,7 +79,7 @@ def test_all_public_names_are_there_and_listed():
 def test_the_keywords_of_measure_are_the_options():
     parameters = inspect.signature(measure).parameters
     assert [name for name in parameters if name in OPTIONS] == list(OPTIONS)
-    assert {*parameters} - {*OPTIONS} == {"sources", "progress", "access"}
+    assert {*parameters} - {*OPTIONS} == {"sources", "align", "progress", "access"}
     hints, fields = get_type_hints(measure), get_type_hints(Options)
     for name, option in OPTIONS.items():
         assert parameters[name].default == option.default
@@ -88,7 +88,7 @@ def test_the_keywords_of_measure_are_the_options():
         assert name in measure.__doc__
 
 
-@pytest.mark.parametrize("function", [scale, describe])
+@pytest.mark.parametrize("function", [change, scale, describe])
 def test_keywords_of_the_other_functions_are_options_too(function):
     parameters = inspect.signature(function).parameters
     assert all(p.kind is not inspect.Parameter.VAR_KEYWORD for p in parameters.values())

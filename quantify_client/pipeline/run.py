@@ -117,7 +117,9 @@ def change(
     slice_height: Optional[float] = None,
     layer: str = "upper",
     grid: bool = False,
+    crs: Optional[str] = None,
     source_unit: Optional[str] = None,
+    vertical_unit: Optional[str] = None,
     density: Optional[Union[float, str]] = None,
     density_sigma: float = 0.0,
     threads: int = 0,
@@ -135,8 +137,9 @@ def change(
     before, after : sources as for :func:`measure`; areas are drawn on the earlier one.
     area : as for :func:`measure`; without it all that both show is measured.
     align : False leaves the later survey where it is.
-    slices, slice_height, layer, grid, source_unit, density, density_sigma, threads, progress,
-    access : as for :func:`measure`.
+    slices, slice_height, layer, grid, density, density_sigma, threads, progress, access : as for
+        :func:`measure`.
+    crs, source_unit, vertical_unit : likewise, of both surveys.
 
     Returns
     -------
