@@ -175,8 +175,8 @@ def test_there_are_no_two_surfaces(name, seed):
     z = ONE_SURFACE[name](x, y) + np.random.default_rng(seed).normal(0, 0.02, len(x))
     cubes, layers = found_in(*points_of(x, y, z))
     assert layers.share == 0.0
-    # Single cells, by chance.
-    assert layers.maybe[0] < 0.005
+    # A few of 576 cells, by chance.
+    assert layers.maybe[0] < 0.01
     assert not cubes.layer.any()
 
 
