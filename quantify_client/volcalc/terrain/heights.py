@@ -114,10 +114,11 @@ def fit_cells(cubes: Cubes, bounds: Window) -> Cubes:
 
 
 def _distinct(column: IntArray, row: IntArray) -> tuple[IntArray, IntArray]:
-    """Return each place once; rows are not negative."""
-    key = _once((column << 32) + row)
+    """Return each place once."""
+    lowest = row.min() if len(row) else 0
+    key = _once((column << 32) + (row - lowest))
     row = key & 0xFFFFFFFF
-    return (key - row) >> 32, row
+    return (key - row) >> 32, row + lowest
 
 
 def _once(keys: IntArray) -> IntArray:
