@@ -13,6 +13,7 @@ from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, Uni
 
 import numpy as np
 import shapely
+import shapely.affinity
 
 from ..areas.read import Area
 from ..crs import Frame, frame_onto, measuring_frame
@@ -93,13 +94,15 @@ class Surveys:
 class _Together:
     """Both surveys in the cubes of one box, with how one lies on the other.
 
-    `left_out` has counts of points that each reader left out, by reason.
+    `left_out` has counts of points that the readers left out, by reason, `lowest` the height that
+    is nearest to zero.
     """
 
     points: Tuple[AreaPoints, AreaPoints]
     left_out: Mapping[str, int]
     alignment: Alignment
     changes: FloatArray
+    lowest: float
 
 
 def measure_surveys(surveys: Surveys, options: Options, report: Progress) -> Measurement:
@@ -127,7 +130,8 @@ def measure_surveys(surveys: Surveys, options: Options, report: Progress) -> Mea
         slice_height=options.slice_height,
         layer=options.layer,
     )
-    site_of = _Sites(surveys, frames, together, options, report)
+    polygons = [area for area in areas if isinstance(area, Area)]
+    site_of = _Sites.of(surveys, frames, together, polygons, options, report)
     found: List[Result] = []
     factors = []
     for area in areas:
@@ -206,7 +210,7 @@ def _brought_together(
     alignment = _alignment(surveys, points[0], raw, outlines)
     moved = replace(raw, motion=alignment.motion)
     changes = _changes(_surfaces(points[0], moved, outlines), surveys.moved_is_later)
-    return _Together(points, left_out, alignment, changes)
+    return _Together(points, left_out, alignment, changes, lowest)
 
 
 def _site(one: Window, other: Window, surveys: Surveys) -> Window:
@@ -311,26 +315,52 @@ def _in_common(points: Tuple[AreaPoints, AreaPoints]) -> shapely.Geometry:
 
 @dataclass(frozen=True)
 class _Sites:
-    """Finds the points of an area in both surveys."""
+    """The points of areas in both surveys.
+
+    Attributes
+    ----------
+    finer : of areas for which the cubes of the whole site are too coarse, by name.
+    """
 
     surveys: Surveys
-    frames: Tuple[Frame, Frame]
     together: _Together
-    options: Options
-    report: Progress
+    finer: Mapping[str, Tuple[AreaPoints, AreaPoints]]
+
+    @classmethod
+    def of(
+        cls,
+        surveys: Surveys,
+        frames: Tuple[Frame, Frame],
+        together: _Together,
+        areas: Sequence[Area],
+        options: Options,
+        report: Progress,
+    ) -> _Sites:
+        """Return the sites of areas; those that need finer cubes are read again, all at once."""
+        motion = together.alignment.motion
+        waiting = {area.name: area for area in areas if _is_coarse(together, area)}
+        finer = {}
+        while waiting:
+            names = list(waiting)
+            boxes = [
+                Window(*waiting[name].polygon.bounds).grown(motion.horizontal) for name in names
+            ]
+            pair = [
+                _read(source, frame, boxes, together.lowest, options, report, room=True)[0]
+                for source, frame in zip(surveys.each, frames)
+            ]
+            postponed = {*pair[0].postponed, *pair[1].postponed}
+            for number, name in enumerate(names):
+                if number not in postponed:
+                    finer[name] = (pair[0].points_of(number), pair[1].points_of(number))
+                    del waiting[name]
+        return cls(surveys, together, finer)
 
     def __call__(self, area: Area) -> AreaPoints:
         """Return the points of an area, with those of the other survey."""
-        points, other = self.together.points
-        motion = self.together.alignment.motion
-        local = points.to_local(area.polygon)
-        there = shapely.affinity.translate(local, -motion.shift[0], -motion.shift[1])
-        if self._too_coarse(points, local) or self._too_coarse(other, there):
-            points, other = self._read_again(area)
-        else:
-            points, other = points.near(local), other.near(there)
-        site = self.together.points[0].origin
-        east, north = points.origin[0] - site[0], points.origin[1] - site[1]
+        motion, origin = self.together.alignment.motion, self.together.points[0].origin
+        points, other = self.finer.get(area.name) or _near(self.together, area)
+        east, north = points.origin[0] - origin[0], points.origin[1] - origin[1]
         motion = motion.seen_from(east, north)
         if self.surveys.moved_is_later:
             # The check is that of the later one.
@@ -346,23 +376,24 @@ class _Sites:
         )
         return replace(points, other=second)
 
-    def _too_coarse(self, points: AreaPoints, local: shapely.Geometry) -> bool:
-        near = points.near(local)
-        if not len(near.cubes.count):
-            return False
-        cubes = fit_cells(near.cubes, Window(*local.bounds))
-        cells = local.area / (cubes.cell * cubes.factor) ** 2
-        return cubes.factor == 2 and cubes.cell == points.cubes.cell and cells < _ENOUGH_CELLS
 
-    def _read_again(self, area: Area) -> Tuple[AreaPoints, AreaPoints]:
-        reach = self.together.alignment.motion.horizontal
-        box = Window(*area.polygon.bounds).grown(reach)
-        found = []
-        for source, frame in zip(self.surveys.each, self.frames):
-            lowest = nearest_to_zero(bounds_in_frame(source, frame))
-            pair = _read(source, frame, [box], lowest, self.options, self.report, room=True)
-            found.append(pair[0].points_of(0))
-        return found[0], found[1]
+def _near(together: _Together, area: Area) -> Tuple[AreaPoints, AreaPoints]:
+    """Return what both passes over the whole site kept of an area."""
+    points, other = together.points
+    east, north = together.alignment.motion.shift[:2]
+    local = points.to_local(area.polygon)
+    return points.near(local), other.near(shapely.affinity.translate(local, -east, -north))
+
+
+def _is_coarse(together: _Together, area: Area) -> bool:
+    """Return whether an area could be measured in smaller cells than the whole site's allow."""
+    bounds = Window(*together.points[0].to_local(area.polygon).bounds)
+    for points, whole in zip(_near(together, area), together.points):
+        cubes = fit_cells(points.cubes, bounds) if len(points.cubes.count) else points.cubes
+        finest = cubes.factor == 2 and cubes.cell == whole.cubes.cell
+        if finest and area.polygon.area < _ENOUGH_CELLS * (cubes.cell * cubes.factor) ** 2:
+            return True
+    return False
 
 
 def _factor(

@@ -48,7 +48,7 @@ def difference(one, other, motion, *, is_later=True):
     cubes, moved = in_same_cells(one.cubes, other.cubes, motion, bounds)
     second = OtherSurvey("other", moved, motion, np.zeros((2, 2)), is_later, True, np.empty((0, 3)))
     cubes = mark_layers(cubes, bounds)
-    return find_difference(polygon, cubes, marked(second, bounds), 1.0, "upper")
+    return find_difference(polygon, cubes, marked(second, polygon), 1.0, "upper")
 
 
 @settings(max_examples=10)

@@ -19,6 +19,7 @@ from ..change.motion import Motion
 from .grid import CellWindow
 from .heights import fit_cells, mark_layers
 from .histogram import Cubes
+from .layers import find_layers
 from .outlying import mark_outliers
 from .surface import AreaSurface, Second, find_surface
 
@@ -144,9 +145,11 @@ def find_difference(
     )
 
 
-def marked(other: OtherSurvey, bounds: Window) -> OtherSurvey:
-    """Return it with outliers marked, as the first survey's are."""
-    return replace(other, cubes=mark_layers(mark_outliers(other.cubes, bounds), bounds))
+def marked(other: OtherSurvey, polygon: Polygon | MultiPolygon) -> OtherSurvey:
+    """Return it with outliers and layers marked, as the first survey's are."""
+    bounds = Window(*polygon.bounds)
+    cubes, _ = find_layers(mark_outliers(other.cubes, bounds), polygon)
+    return replace(other, cubes=mark_layers(cubes, bounds))
 
 
 def _other_surface(

@@ -76,7 +76,7 @@ def _first(
         cubes, of_other = in_same_cells(
             points.cubes, points.other.cubes, points.other.motion, bounds
         )
-        other = marked(replace(points.other, cubes=of_other), bounds)
+        other = marked(replace(points.other, cubes=of_other), polygon)
         return _in_cells(cubes, name, polygon, replace(points, other=other), recipe)
     cubes = fit_cells(points.cubes, bounds)
     try:
