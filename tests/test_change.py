@@ -214,7 +214,7 @@ def test_rasters_as_epochs(before, after, tmp_path):
         total = np.bincount(flat, np.asarray(las.z)[inside], size**2)
         z = np.where(count > 0, total / np.maximum(count, 1), -9999.0).reshape(size, size)
         paths.append(tmp_path / f"{cloud.stem}.tif")
-        place = rasterio.transform.from_origin(EAST - 75, NORTH + 75, 0.5, 0.5)
+        place = rasterio.Affine(0.5, 0.0, EAST - 75, 0.0, -0.5, NORTH + 75)
         about = {"driver": "GTiff", "width": size, "height": size, "count": 1, "nodata": -9999.0}
         with rasterio.open(
             paths[-1], "w", dtype="float32", crs="EPSG:32632", transform=place, **about
