@@ -235,7 +235,8 @@ class Options:
     )
     base: Optional[Union[str, float]] = _option(
         None,
-        f"the surface that volumes are measured from (default {DEFAULT_BASE})",
+        f"the surface that volumes are measured from (default {DEFAULT_BASE}); volume also takes a "
+        "FILE, another survey",
         TERRAIN,
         choices=(*BASES, "compare"),
         metavar="ELEVATION",
