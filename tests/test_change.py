@@ -152,12 +152,14 @@ def test_a_survey_as_the_base_gives_the_same_and_the_other_one_is_moved(before, 
     assert found.alignment.shift_m[:2] == pytest.approx(SHIFT[:2], abs=0.02)
 
 
+@pytest.mark.one_python
 def test_before_and_after_exchanged_exchange_gain_and_loss(before, after):
     found = quantify_client.change(after, before, area=BOTH)
     for result, form in zip(found.results, (GAINED, LOST)):
         holds(result, -volume_of(form) / found.grid_scale_factor**2)
 
 
+@pytest.mark.one_python
 def test_without_areas_all_that_both_show_is_measured(before, after):
     (result,) = quantify_client.change(before, after).results
     truth = volume_of(GAINED), -volume_of(LOST)
@@ -168,12 +170,14 @@ def test_without_areas_all_that_both_show_is_measured(before, after):
     assert low < truth[0] - truth[1] < high
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("to", ["EPSG:32631", "EPSG:4326", "EPSG:2056"])
 def test_a_survey_in_another_crs_is_brought_into_that_of_the_first(before, moved, tmp_path, to):
     after = write(tmp_path / "after.laz", moved, to=to)
     gained_and_lost(quantify_client.change(before, after, area=BOTH))
 
 
+@pytest.mark.one_python
 def test_a_survey_in_feet_is_brought_into_metres(before, moved, tmp_path):
     foot = 1200 / 3937
     text = "+proj=utm +zone=32 +datum=WGS84 +units=us-ft +no_defs"
@@ -188,6 +192,7 @@ def test_a_survey_in_feet_is_brought_into_metres(before, moved, tmp_path):
     gained_and_lost(found)
 
 
+@pytest.mark.one_python
 def test_an_odm_folder_and_an_all_zip(before, after, tmp_path):
     project = tmp_path / "odm"
     inner = project / "odm_georeferencing"
@@ -226,6 +231,7 @@ def test_rasters_as_epochs(before, after, tmp_path):
 # --- no change, and surveys that are left where they are
 
 
+@pytest.mark.one_python
 def test_of_the_same_ground_no_change_is_detected(before, tmp_path):
     other = write(tmp_path / "again.laz", displaced(survey(ground, seed=7)))
     found = quantify_client.change(before, other, area=areas(GAINED, LOST, room=-6.0))
@@ -235,6 +241,7 @@ def test_of_the_same_ground_no_change_is_detected(before, tmp_path):
         assert result.area_changed_m2 / result.area_m2 < 0.1
 
 
+@pytest.mark.one_python
 def test_surveys_that_are_left_where_they_are_are_told_and_their_interval_holds(before, after):
     found = quantify_client.change(before, after, area=BOTH, align=False)
     assert found.alignment.shift_m == (0.0, 0.0, 0.0)
@@ -247,6 +254,7 @@ def test_surveys_that_are_left_where_they_are_are_told_and_their_interval_holds(
         assert items["alignment"] > 20
 
 
+@pytest.mark.one_python
 def test_a_pile_on_its_own_earlier_ground(tmp_path):
     """Ground with 0.3 m of relief under a pile: what no ground around it tells."""
 
