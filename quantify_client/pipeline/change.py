@@ -450,8 +450,8 @@ def _told(surveys: Surveys, found: Alignment) -> Iterator[Notice]:
         yield Notice(
             "survey-moved",
             f"{surveys.names[1]} was moved by {east:+.3f} m east, {north:+.3f} m north and "
-            f"{up:+.3f} m up onto {surveys.names[0]}: on {found.area_m2:,.0f} m2 of ground that did "
-            f"not change they differ by {found.after_m:.2g} m{was}",
+            f"{up:+.3f} m up onto {surveys.names[0]}: on {found.area_m2:,.0f} m2 of ground that "
+            f"did not change they differ by {found.after_m:.2g} m{was}",
             shift_m=[east, north, up],
             after_m=found.after_m,
         )
