@@ -26,17 +26,15 @@ from ..types import (
     Notice,
     Options,
     Proposal,
-    Window,
 )
 from ..volcalc.stockpiles.find import Found, find_stockpiles
 from ..volcalc.stockpiles.kinds import KINDS, PILE
 from ..volcalc.stockpiles.raster import raster_of
 from ..volcalc.terrain.accumulate import AreaPoints
 from ..volcalc.terrain.budget import standard_deviations
-from ..volcalc.terrain.heights import fit_cells
 from .common import none_within_bounds
 from .streaming import Progress
-from .whole_cloud import WholeCloud, read_whole
+from .whole_cloud import WholeCloud, is_coarse, read_whole
 
 __all__ = ["Drawn", "Separated", "proposed_areas", "separated", "with_outline"]
 
@@ -44,11 +42,6 @@ _MOST_NAMES = 8
 
 #: As many results as a document holds.
 _MOST_PILES = 200
-
-#: Cells of a pile, at least, where the points would allow for finer ones: with their shares inside
-#: the outline exact, and in four grid offsets, cones are then right to 0.1 %
-#: (tests/test_stockpiles_command.py).
-_ENOUGH_CELLS = 1000
 
 Areas = Sequence[Union[Area, AreaFailure]]
 
@@ -153,10 +146,7 @@ class Separated:
             return None
         local = self.whole.points.to_local(polygon)
         points = self.whole.points.near(local)
-        cubes = fit_cells(points.cubes, Window(*local.bounds))
-        cells = local.area / (cubes.cell * cubes.factor) ** 2
-        coarse = cubes.factor == 2 and cubes.cell == points.cubes.cell
-        return None if coarse and cells < _ENOUGH_CELLS else points
+        return None if is_coarse(points, self.whole.points, local) else points
 
     def others(self, polygon: shapely.Geometry) -> shapely.Geometry:
         """Return what was proposed besides an area: objects everywhere, piles beside it."""
