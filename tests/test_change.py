@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import math
 import shutil
@@ -190,6 +189,8 @@ def test_a_survey_in_feet_is_brought_into_metres(before, moved, tmp_path):
     las.write(str(tmp_path / "after.laz"))
     found = quantify_client.change(before, tmp_path / "after.laz", area=BOTH)
     gained_and_lost(found)
+    # What was assumed of the survey that is moved is told as well.
+    assert "height-unit-assumed" in [getattr(one, "code", "") for one in found.warnings]
 
 
 @pytest.mark.one_python
@@ -204,10 +205,8 @@ def test_an_odm_folder_and_an_all_zip(before, after, tmp_path):
     gained_and_lost(found)
 
 
-@pytest.mark.skipif(importlib.util.find_spec("rasterio") is None, reason="rasterio is not there")
 def test_rasters_as_epochs(before, after, tmp_path):
-    import rasterio
-
+    rasterio = pytest.importorskip("rasterio")
     paths, size = [], 300
     for cloud in (before, after):
         las = laspy.read(str(cloud))

@@ -40,10 +40,10 @@ def frame_onto(own: Frame, target: Frame, name: str) -> Frame:
                 f"the unit of {name} is {own.length_unit}, that of the other one "
                 f"{target.length_unit}; expected both to be known: write it into the file"
             )
-        return replace(own, warnings=())
+        return own
     return replace(
         target,
-        warnings=(),
+        warnings=own.warnings,
         geographic_crs=own.cloud_crs,
         z_unit_m=own.z_unit_m,
         center_lon=own.center_lon,

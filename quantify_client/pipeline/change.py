@@ -24,22 +24,19 @@ from ..types import Aligned, AreaFailure, FloatArray, Measurement, Notice, Windo
 from ..volcalc.change.align import FARTHEST, Alignment, Surfaces, align, as_they_are
 from ..volcalc.change.motion import STILL
 from ..volcalc.terrain.accumulate import AreaPoints, TerrainAccumulator
-from ..volcalc.terrain.difference import OtherSurvey, in_same_cells
+from ..volcalc.terrain.difference import OtherSurvey, in_same_cells, lift_over
 from ..volcalc.terrain.grid import cell_parts
 from ..volcalc.terrain.grid_offsets import measure_area
-from ..volcalc.terrain.heights import cell_heights, fit_cells, mark_layers
+from ..volcalc.terrain.heights import cell_heights, mark_layers
 from ..volcalc.terrain.measure import TerrainRecipe
 from ..volcalc.terrain.outline import cloud_outline
 from ..volcalc.terrain.toe import polygonal
 from .areas import drawn_areas
 from .common import Result, bounds_in_frame, finish, ground_factor, measurement_of, window_of
 from .streaming import Progress, accumulate, thread_count
-from .whole_cloud import nearest_to_zero
+from .whole_cloud import is_coarse, nearest_to_zero
 
 __all__ = ["Surveys", "measure_surveys"]
-
-#: Cells of an area, at least, where the points would allow for finer ones.
-_ENOUGH_CELLS = 1000
 
 #: Places around an area where changes are looked at, at most.
 _MOST_AROUND = 20_000
@@ -144,10 +141,14 @@ def measure_surveys(surveys: Surveys, options: Options, report: Progress) -> Mea
         found.append(_measured(area, site_of, own, together.left_out, options))
         report("measuring areas", len(found) / len(areas))
     factor = factors[0] if factors else None
-    notices = [*warnings, *_told(surveys, together.alignment)]
+    of_moved = (*surveys.moved.cloud.info.warnings, *frames[1].warnings)
+    of_reference = (*surveys.reference.cloud.info.warnings, *frames[0].warnings)
+    notices = [*warnings, *(one for one in of_moved if one not in of_reference)]
+    notices += _told(surveys, together.alignment)
     found_all = measurement_of(surveys.reference, frames[0], "terrain", factor, found, notices)
     aligned = _aligned(surveys, together.alignment)
-    return replace(found_all, source=surveys.later.label, kind="change", alignment=aligned)
+    kind = "change" if surveys.moved_is_later else "volume"
+    return replace(found_all, source=surveys.later.label, kind=kind, alignment=aligned)
 
 
 def _require_plain(options: Options) -> None:
@@ -260,9 +261,8 @@ def _surfaces(
     pair = in_same_cells(points.cubes, other.cubes, other.motion, bounds)
     one, two = (cell_heights(mark_layers(cubes, bounds), bounds) for cubes in pair)
     window = one.window
-    everywhere = np.ones(window.shape, dtype=bool)
-    up = other.motion.up_at(*window.middles(everywhere)).reshape(window.shape)
-    stable = everywhere
+    up = lift_over(other.motion, window)
+    stable = np.ones(window.shape, dtype=bool)
     if outlines:
         stable = cell_parts(polygonal(shapely.union_all(outlines)), window).share == 0
     return Surfaces(one.z, two.z + up, stable, window.cell, window.min_x, window.min_y)
@@ -387,13 +387,12 @@ def _near(together: _Together, area: Area) -> Tuple[AreaPoints, AreaPoints]:
 
 def _is_coarse(together: _Together, area: Area) -> bool:
     """Return whether an area could be measured in smaller cells than the whole site's allow."""
-    bounds = Window(*together.points[0].to_local(area.polygon).bounds)
-    for points, whole in zip(_near(together, area), together.points):
-        cubes = fit_cells(points.cubes, bounds) if len(points.cubes.count) else points.cubes
-        finest = cubes.factor == 2 and cubes.cell == whole.cubes.cell
-        if finest and area.polygon.area < _ENOUGH_CELLS * (cubes.cell * cubes.factor) ** 2:
-            return True
-    return False
+    east, north = together.alignment.motion.shift[:2]
+    one, other = _near(together, area)
+    local = one.to_local(area.polygon)
+    there = shapely.affinity.translate(local, -east, -north)
+    whole = together.points
+    return is_coarse(one, whole[0], local) or is_coarse(other, whole[1], there)
 
 
 def _factor(

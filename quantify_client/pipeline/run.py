@@ -93,7 +93,7 @@ def measure(
     started, clock = datetime.now(timezone.utc), time.perf_counter()
     report = progress or (lambda stage, share: None)
     if second is not None:
-        measured = _on_survey(list(sources), second, options, align, access, report)
+        measured = _compared(list(sources), [second], options, access, report, False, align)
         return _finished(measured, options, started, clock)
     with open_source(
         list(sources),
@@ -173,19 +173,6 @@ def is_survey(base: Any) -> bool:
     except ValueError:
         return is_address(base) or Path(base).exists() or bool(Path(base).suffix)
     return False
-
-
-def _on_survey(
-    sources: List[Union[str, Path]],
-    base: Union[str, Path],
-    options: Options,
-    align: bool,
-    access: Optional[Access],
-    report: Progress,
-) -> Tuple[Measurement, Source]:
-    """Measure sources on another survey, which is brought onto them."""
-    found, source = _compared(sources, [base], options, access, report, False, align)
-    return replace(found, kind="volume"), source
 
 
 def _compared(

@@ -23,7 +23,7 @@ from .layers import find_layers
 from .outlying import mark_outliers
 from .surface import AreaSurface, Second, find_surface
 
-__all__ = ["OtherSurvey", "find_difference", "in_same_cells", "marked"]
+__all__ = ["OtherSurvey", "find_difference", "in_same_cells", "lift_over", "marked"]
 
 #: Cubes along the side of a cell, as `fit_cells` has them.
 _FACTORS = (2, 4, 5, 8, 10)
@@ -163,13 +163,17 @@ def _other_surface(
 
 def _lifted(surface: AreaSurface, motion: Motion) -> AreaSurface:
     """Return a surface that was moved in plan, with its lift and tilt."""
-    window = surface.heights.window
-    everywhere = np.ones(window.shape, dtype=bool)
-    up = motion.up_at(*window.middles(everywhere)).reshape(window.shape)
+    up = lift_over(motion, surface.heights.window)
     walls = surface.at_walls and (surface.at_walls[0] + up, surface.at_walls[1])
     seen = surface.heights
     heights = replace(seen, z=seen.z + up, low=seen.low + up, high=seen.high + up)
     return replace(surface, heights=heights, filled=surface.filled + up, at_walls=walls)
+
+
+def lift_over(motion: Motion, window: CellWindow) -> FloatArray:
+    """Return what a motion adds to the heights of cells, (ny, nx) metres."""
+    everywhere = np.ones(window.shape, dtype=bool)
+    return motion.up_at(*window.middles(everywhere)).reshape(window.shape)
 
 
 def _at_walls(after: AreaSurface, before: AreaSurface) -> tuple[FloatArray, FloatArray] | None:

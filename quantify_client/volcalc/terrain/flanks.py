@@ -221,7 +221,8 @@ def _over_predicted(
     if 2.0 * rim.length[going_on].sum() >= rim.length.sum():
         going_on &= False
     # A dam goes on at both ends; what does at one is another pile, larger than is looked at.
-    lone = going_on if sign > 0 and len(list(rim.stretches(going_on))) == 1 else ~on & on
+    one_end = sign > 0 and len(list(rim.stretches(going_on))) == 1
+    lone = going_on if one_end else np.zeros_like(on)
     edges, walled = _at_edges(surface, on, sign)
     points = OutlinePoints.of(surface.heights.window, surface.inside, rim, cubes, _INWARDS)
     outer, inner = (np.column_stack([above, side[:, 1:]]) for side in (outwards, inwards))

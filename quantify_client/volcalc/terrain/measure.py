@@ -345,7 +345,8 @@ def _result(
     each = surface.a * np.nan_to_num(volume.r)
     cut, fill = float(each[cut_cells].sum()), -float(each[fill_cells].sum())
     std, cut_std, fill_std = standard_deviations(budget)
-    limit, undetected = _limits(volume), _undetected(volume)
+    relief = _relief(volume, points)
+    limit, undetected = _level_of_detection(volume, relief), relief.undetected
     edges = slab_edges(float(r.min()), float(r.max()), recipe.slices, recipe.slice_height)
     even = np.allclose(np.diff(edges), edges[1] - edges[0], rtol=1e-6)
     elevation = surface.filled[inside & np.isfinite(surface.filled)]
@@ -375,31 +376,27 @@ def _result(
         base=volume.base.name,
         cell_m=surface.cell,
         checks=tin_check(points.sample, volume, budget),
-        relief=_relief(volume, points),
-        level_of_detection_m=None if limit is None else float(np.nanmedian(limit)),
+        relief=relief,
+        level_of_detection_m=limit,
         area_changed_m2=(
             None if undetected is None else float(surface.a[known & ~undetected].sum())
         ),
     )
 
 
-def _limits(volume: CutFill) -> FloatArray | None:
-    """Return the level of detection of each cell at 95 %, (ny, nx) metres; NaN outside.
-
-    None where it is not measured on a survey.
-    """
-    return None if volume.surface.second is None else INTERVAL95 * _sigma(volume)
-
-
-def _undetected(volume: CutFill) -> npt.NDArray[np.bool_] | None:
-    """Return the cells (ny, nx) whose change is below their level of detection."""
-    limit = _limits(volume)
-    return None if limit is None else np.isfinite(limit) & (np.abs(volume.r) <= limit)
+def _level_of_detection(volume: CutFill, relief: Relief) -> float | None:
+    """Return that of a typical cell at 95 %, metres; None where it is not measured on a survey."""
+    if volume.surface.second is None or relief.sigma_m is None:
+        return None
+    return INTERVAL95 * float(np.nanmedian(relief.sigma_m))
 
 
 def _relief(volume: CutFill, points: AreaPoints) -> Relief:
     """Return what pictures are drawn from, in the frame."""
-    surface, window = volume.surface, volume.surface.heights.window
+    surface, window, sigma = volume.surface, volume.surface.heights.window, _sigma(volume)
+    undetected = None
+    if surface.second is not None:
+        undetected = np.isfinite(sigma) & (np.abs(volume.r) <= INTERVAL95 * sigma)
     return Relief(
         window.min_x + points.origin[0],
         window.min_y + points.origin[1],
@@ -409,8 +406,8 @@ def _relief(volume: CutFill, points: AreaPoints) -> Relief:
         surface.fraction,
         surface.measured,
         points.to_frame(surface.polygon).wkb,
-        sigma_m=_sigma(volume),
-        undetected=_undetected(volume),
+        sigma_m=sigma,
+        undetected=undetected,
     )
 
 
