@@ -7,6 +7,7 @@ Frozen dataclasses only. Lengths, areas and volumes are in metres unless a name 
 from __future__ import annotations
 
 from ..options import Options
+from .alignment import Aligned, StableGround
 from .cloud import (
     MAX_COORDINATE,
     Bounds,
@@ -22,12 +23,12 @@ from .json_records import SCHEMA, document
 from .notice import Notice
 from .results import (
     INTERVAL95,
-    Aligned,
     AreaFailure,
     AreaResult,
     Body,
     BudgetItem,
     Check,
+    Epochs,
     Floor,
     Gap,
     Measurement,
@@ -46,6 +47,7 @@ from .scaling import (
     Scaling,
 )
 from .shapes import plain, warnings_json
+from .stage import PourPoint, Stage, StageLevel
 
 __all__ = [
     "INTERVAL95",
@@ -61,6 +63,7 @@ __all__ = [
     "ControlAccount",
     "ControlledPoint",
     "CrsPart",
+    "Epochs",
     "DirectHeight",
     "FloatArray",
     "Faces",
@@ -71,6 +74,7 @@ __all__ = [
     "Measurement",
     "Notice",
     "Options",
+    "PourPoint",
     "Proposal",
     "Relief",
     "ScaleObservation",
@@ -78,6 +82,9 @@ __all__ = [
     "Scaled",
     "Scaling",
     "Slice",
+    "StableGround",
+    "Stage",
+    "StageLevel",
     "Body",
     "Window",
     "document",

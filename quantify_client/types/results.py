@@ -13,18 +13,20 @@ from typing import Annotated, Any, Mapping, Optional, Sequence, Tuple, Union
 import numpy as np
 import numpy.typing as npt
 
+from .alignment import Aligned, StableGround
 from .cloud import FloatArray
 from .json_records import LEFT_OUT, Key, Length, Only
 from .notebook import Notebook
 from .scaling import Crs, Line, Name, Positive, Scaling, Warnings
 from .shapes import Anything, Listed, Mapped, Number, Record, Text, Whole, plain
+from .stage import Stage
 
 __all__ = [
-    "Aligned",
     "AreaFailure",
     "AreaResult",
     "BudgetItem",
     "Check",
+    "Epochs",
     "Floor",
     "Gap",
     "INTERVAL95",
@@ -291,6 +293,7 @@ class AreaResult:
         Only(("base", "volume_m3", "cut_m3", "fill_m3", "std_m3")),
         "Comparison of base surfaces.",
     ] = ()
+    stage: Annotated[Optional[Stage], "With --stage."] = None
     relief: Annotated[Optional[Relief], LEFT_OUT] = field(default=None, repr=False, compare=False)
     body: Annotated[Optional[Body], LEFT_OUT] = field(default=None, repr=False, compare=False)
 
@@ -337,22 +340,17 @@ class Proposal:
 
 
 @dataclass(frozen=True)
-class Aligned:
-    """How the second of two surveys lies on the first, on ground that did not change."""
+class Epochs:
+    """What changed between two of a series of surveys, in each area."""
 
-    moved: Annotated[str, Text(1000), "The survey that was moved."]
-    reference: Annotated[str, Text(1000), "The one that stayed where it is."]
-    aligned: Annotated[bool, "False: it was left where it is (--no-align)."]
-    shift_m: Annotated[Tuple[float, float, float], "East, north and up, at the middle."]
-    shift_std_m: Tuple[float, float, float]
-    tilt: Annotated[Tuple[float, float], "Rise to east and north, metres per metre."]
-    stable_rms_m: Annotated[
-        float, Number(0), "Robust standard deviation of differences on stable ground, as measured."
-    ]
-    before_rms_m: Annotated[Optional[float], "Likewise before it was moved; null: none in common."]
-    bias_m: Annotated[Optional[float], "Mean difference there before it was moved."]
-    bias_std_m: Optional[float]
-    stable_area_m2: Positive
+    before: Annotated[str, Text(1000)]
+    after: Annotated[str, Text(1000)]
+    results: Annotated[
+        Sequence[AreaResult],
+        Only(("name", "volume_m3", "cut_m3", "fill_m3", "std_m3", "level_of_detection_m")),
+    ] = ()
+    failures: Annotated[Sequence[AreaFailure], Length(200)] = ()
+    alignment: Optional[Aligned] = None
 
 
 @dataclass(frozen=True, repr=False)
@@ -390,6 +388,14 @@ class Measurement(Notebook):
         "Change: cut is gain (after above before), fill is loss.",
     ] = "volume"
     alignment: Annotated[Optional[Aligned], "Of a second survey; null without one."] = None
+    series: Annotated[
+        Sequence[Epochs],
+        Length(100),
+        "Of three or more surveys: one entry for each pair, and one for the first and the last.",
+    ] = ()
+    stable_ground: Annotated[Optional[StableGround], LEFT_OUT] = field(
+        default=None, repr=False, compare=False
+    )
     frame: Annotated[Optional[Any], LEFT_OUT] = field(default=None, repr=False, compare=False)
 
     @property

@@ -29,13 +29,13 @@ from .schemas import closed, schema, valid
 
 DOCUMENT_KEYS = (
     "schema source crs length_unit shape method grid_scale_factor scale results warnings "
-    "provenance method_revision proposals kind alignment"
+    "provenance method_revision proposals kind alignment series"
 ).split()
 RESULT_KEYS = (
     "name volume_m3 cut_m3 fill_m3 std_m3 interval95_m3 cut_std_m3 cut_interval95_m3 fill_std_m3 "
     "fill_interval95_m3 budget area_m2 surface_area_m2 perimeter_m min_z_m max_z_m max_height_m "
     "coverage points_used points_left_out slice_height_m slices mass_t mass_std_t base checks "
-    "warnings level_of_detection_m area_changed_m2"
+    "warnings level_of_detection_m area_changed_m2 stage"
 ).split()
 
 
