@@ -55,10 +55,10 @@ def test_numbers_stay_and_warnings_become_those_of_today(documents, path):
     for row in (before["measurement"]["scale"] or {}).get("observations", ()):
         row["contribution"] = row.pop("carries")
     before["measurement"]["method_revision"] = 1
-    before["measurement"].update(proposals=[], kind="volume", alignment=None)
+    before["measurement"].update(proposals=[], kind="volume", alignment=None, series=[])
     for row in before["measurement"]["results"]:
         if "error" not in row:
-            row.update(level_of_detection_m=None, area_changed_m2=None)
+            row.update(level_of_detection_m=None, area_changed_m2=None, stage=None)
     for layer in before["layers"]:
         layer["proposal"] = None
     before["measurement"]["schema"], before["schema"] = "quantify-client/2", after["schema"]
