@@ -7,22 +7,28 @@ import json
 import os
 import re
 from pathlib import Path
-from typing import Dict, Iterator, List, Sequence, Union
+from typing import TYPE_CHECKING, Callable, Dict, Iterator, List, Sequence, TextIO, Union
 
 from ..errors import OutputError, require_installed
 from ..files.writing import is_ours, put_in_place, require_replaceable, staging
 from ..types import AreaResult, Measurement, Scaled
 from .document.geojson import to_geojson
 from .document.measurement import to_json
+from .document.series_csv import write_series
 from .document.slices_csv import write_slices
+from .document.stage_csv import write_stage
 from .rasters import raster_bytes, rasters_of, require_rasterio
 from .wording.units import Units, display_units, ground_units, named_units
 from .wording.words import printable, slug
 
+if TYPE_CHECKING:
+    from .page.page import Pictures
+
 __all__ = ["require_writable", "write_report", "write_scale_page", "write_scale_report"]
 
 OUTDATED = re.compile(
-    r"(area-\d{2,}-[a-z0-9-]+|overview|scale)(-\d+)?\.png"
+    r"(area-\d{2,}-[a-z0-9-]+|overview|scale|alignment|series)(-\d+)?\.png"
+    r"|(series|stage)(-\d+)?\.csv"
     r"|area-\d{2,}-[a-z0-9-]+-(surface|base|difference|sigma)(-\d+)?\.tif"
 )
 FILES = ("report.json", "slices.csv", "areas.geojson", "report.html")
@@ -37,9 +43,11 @@ def write_report(
 ) -> List[Path]:
     """Write report.json, slices.csv, areas.geojson, the pictures and report.html into a folder.
 
-    What an earlier run left is replaced only when everything new exists. Pictures and rasters of
-    ours that this run has no use for are removed. Files of others are left alone, and so is what
-    was measured: where one has the name of a file of the report, nothing is written.
+    Of a series also series.csv, and stage.csv where there is a stage curve.
+
+    What an earlier run left is replaced only when everything new exists. Pictures, rasters and
+    tables of ours that this run has no use for are removed. Files of others are left alone, and so
+    is what was measured: where one has the name of a file of the report, nothing is written.
 
     `out` is made when missing; `units` of what people read is ``"metric"`` or ``"us"``.
     With `rasters` surface, base, difference and sigma of each area of terrain are written as
@@ -135,32 +143,69 @@ def _folder_explained(out: Path) -> Iterator[None]:
 def _write_all(measurement: Measurement, working: Path, units: Units) -> List[str]:
     """Write all files into the working folder; return their names."""
     _write_json(working / "report.json", to_json(measurement))
-    with (working / "slices.csv").open("w", encoding="utf-8", newline="") as file:
-        write_slices(measurement, file)
+    tables = [_write_table(working / "slices.csv", measurement, write_slices)]
     _write_json(working / "areas.geojson", to_geojson(measurement))
+    if measurement.series:
+        tables.append(_write_table(_free(working, "series", ".csv"), measurement, write_series))
+    if any(isinstance(r, AreaResult) and r.stage is not None for r in measurement.results):
+        tables.append(_write_table(_free(working, "stage", ".csv"), measurement, write_stage))
     # Late: matplotlib is slow to load, and JSON needs none.
-    from .figures.control.figure import scale_picture
-    from .figures.pictures import area_picture, overview_picture
     from .page.page import render_html
 
-    pictures: Dict[int, Path] = {}
+    pictures = _draw_all(measurement, working, units)
+    with (working / "report.html").open("w", encoding="utf-8") as file:
+        file.writelines(render_html(measurement, units, pictures))
+    one_each = (pictures.scale, pictures.overview, pictures.alignment, pictures.series)
+    drawn = (*one_each, *pictures.areas.values(), *pictures.stages.values())
+    names = [path.name for path in drawn if isinstance(path, Path)]
+    first, *others = tables
+    return ["report.json", first, "areas.geojson", *others, *names, "report.html"]
+
+
+def _draw_all(measurement: Measurement, working: Path, units: Units) -> Pictures:
+    """Write all pictures into the working folder."""
+    from .figures.change import alignment_picture
+    from .figures.control.figure import scale_picture
+    from .figures.pictures import area_picture, overview_picture
+    from .figures.series import series_picture
+    from .figures.stage import stage_picture
+    from .page.page import Pictures
+
+    def written(stem: str, png: bytes) -> Path:
+        path = _free(working, stem)
+        path.write_bytes(png)
+        return path
+
+    areas: Dict[int, Path] = {}
+    stages: Dict[int, Path] = {}
     for index, result in enumerate(measurement.results):
         if isinstance(result, AreaResult):
-            path = _free(working, f"area-{index + 1:02d}-{slug(result.name)}")
-            path.write_bytes(area_picture(result, measurement, units))
-            pictures[index] = path
-    overview = scale = None
-    png = overview_picture(measurement, units)
-    if png is not None:
-        overview = _free(working, "overview")
-        overview.write_bytes(png)
+            stem = f"area-{index + 1:02d}-{slug(result.name)}"
+            areas[index] = written(stem, area_picture(result, measurement, units))
+            if result.stage is not None:
+                png = stage_picture(result, result.stage, units)
+                stages[index] = written(f"{stem}-stage", png)
+    overview = scale = alignment = series = None
+    of_all = overview_picture(measurement, units)
+    if of_all is not None:
+        overview = written("overview", of_all)
     if measurement.scale is not None:
-        scale = _free(working, "scale")
-        scale.write_bytes(scale_picture(measurement.scale, ground_units(units)))
-    with (working / "report.html").open("w", encoding="utf-8") as file:
-        file.writelines(render_html(measurement, units, pictures, overview, scale))
-    drawn = [path.name for path in (scale, overview, *pictures.values()) if path is not None]
-    return ["report.json", "slices.csv", "areas.geojson", *drawn, "report.html"]
+        scale = written("scale", scale_picture(measurement.scale, ground_units(units)))
+    if measurement.alignment is not None and measurement.stable_ground is not None:
+        png = alignment_picture(measurement.stable_ground, measurement.alignment, units)
+        alignment = written("alignment", png)
+    if measurement.series:
+        series = written("series", series_picture(measurement.series, units))
+    return Pictures(areas, stages, overview, scale, alignment, series)
+
+
+def _write_table(
+    path: Path, measurement: Measurement, write: Callable[[Measurement, TextIO], None]
+) -> str:
+    """Write a table for programs; return its name."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        write(measurement, file)
+    return path.name
 
 
 def _write_rasters(measurement: Measurement, working: Path) -> List[str]:

@@ -6,7 +6,7 @@ import html
 
 import pytest
 
-from quantify_client.report.page.page import render_html
+from quantify_client.report.page.page import Pictures, render_html
 from quantify_client.report.wording.notices import in_units, kind_of, lines_of_kinds
 from quantify_client.report.wording.units import display_units, named_units
 from quantify_client.types import Measurement, Notice
@@ -35,7 +35,9 @@ def test_the_terminal_has_one_line_for_a_kind() -> None:
 
 def test_the_page_tells_all_warnings_at_the_top_and_each_areas_own_with_it() -> None:
     measurement = several()
-    page = html.unescape("".join(render_html(measurement, display_units(measurement, "us"), {})))
+    page = html.unescape(
+        "".join(render_html(measurement, display_units(measurement, "us"), Pictures()))
+    )
     assert page.count("points support") == 1
     before, *areas = page.split('<article class="card')
     assert "in 2 areas (A, B): points support 69 to 93% of the area" in before

@@ -12,7 +12,7 @@ import pytest
 from rich.console import Console
 
 from quantify_client.errors import InputError
-from quantify_client.report.page.page import render_html
+from quantify_client.report.page.page import Pictures, render_html
 from quantify_client.report.terminal.results import print_table
 from quantify_client.report.wording.units import (
     MINUS,
@@ -190,7 +190,7 @@ def page(measurement: Any, tmp_path: Path, units: str = "metric") -> str:
     picture = tmp_path / "x.png"
     picture.write_bytes(b"png")
     shown = display_units(measurement, units)
-    return "".join(render_html(measurement, shown, {0: picture}, picture))
+    return "".join(render_html(measurement, shown, Pictures({0: picture}, overview=picture)))
 
 
 HOSTILE_TEXTS = (surveys.HOSTILE, '"><img src=x onerror=alert(1)>', "<!--", "</style><b>", "$title")

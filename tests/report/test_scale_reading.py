@@ -14,7 +14,7 @@ from rich.console import Console
 from quantify_client.errors import InputError, OutputError
 from quantify_client.report.page import page as page_module
 from quantify_client.report.page.markup import Markup, details, join, tag
-from quantify_client.report.page.page import render_html
+from quantify_client.report.page.page import Pictures, render_html
 from quantify_client.report.page.scaling import scale_section
 from quantify_client.report.terminal.scaling import print_scaling
 from quantify_client.report.wording.scaling import (
@@ -291,17 +291,19 @@ def test_report_of_volumes_has_the_card_before_the_results(tmp_path: Path) -> No
         scale=scalings.everything(),
         warnings=("The sigmas of 'gps' were raised by 1.4.",),
     )
-    html = "".join(render_html(measurement, US, {}, None, picture))
+    html = "".join(render_html(measurement, US, Pictures(scale=picture)))
     assert html.index('id="scale"') < html.index('id="area-1"')
     assert "<span>Scaled by</span><b>1.20482" in html
     assert html.count("were raised by 1.4") == 1
-    assert 'id="scale"' not in "".join(render_html(surveys.measurement(surveys.pile()), US, {}))
+    assert 'id="scale"' not in "".join(
+        render_html(surveys.measurement(surveys.pile()), US, Pictures())
+    )
 
 
 def test_the_budget_tells_what_scale_means() -> None:
     item = surveys.BudgetItem("scale", 3.0)
     result = surveys.body(budget=(item,))
-    html = "".join(render_html(surveys.measurement(result), METRIC, {}))
+    html = "".join(render_html(surveys.measurement(result), METRIC, Pictures()))
     assert "how well the control knows the size of the whole cloud" in html
 
 

@@ -15,7 +15,7 @@ from typing import Any, Dict, Mapping
 from ...errors import InputError
 from ...types import Measurement, plain
 from ...types.json_records import record_of
-from ..page.page import render_html
+from ..page.page import Pictures, render_html
 from ..wording.units import display_units
 from ..wording.words import slug
 from .measurement import flat_properties
@@ -72,7 +72,7 @@ def _page(document: Document, units: str) -> str:
         if layer["relief"] is not None:
             pictures[index] = base64.b64decode(layer["relief"]["png"])
     shown = display_units(measurement, units)
-    return "".join(render_html(measurement, shown, pictures))
+    return "".join(render_html(measurement, shown, Pictures(pictures)))
 
 
 def saved_measurement(document: Document) -> Measurement:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import csv
-from typing import TextIO
+from typing import Any, Callable, Sequence, TextIO
 
 from ...types import AreaResult, Measurement, Slice
 from ...types.json_records import record_of
 from ..wording.words import encodable
 
-__all__ = ["COLUMNS", "harmless_cell", "write_slices"]
+__all__ = ["COLUMNS", "harmless", "harmless_cell", "write_slices", "writer_of"]
 
 COLUMNS = ("name", *record_of(Slice).fields)
 # A spreadsheet takes a text that starts with one of these for a formula and runs it.
@@ -28,25 +28,37 @@ def harmless_cell(text: str) -> str:
     return f"'{text}" if risky else text
 
 
-def write_slices(measurement: Measurement, file: TextIO) -> None:
-    """Write one line per slice, always metric.
+def harmless(name: str) -> str:
+    """Return a name that a file can hold and no spreadsheet takes for a formula."""
+    return harmless_cell(encodable(name))
 
-    The file is one opened with ``newline=""``; lines end with CR LF, so that a name with either
-    of them is quoted by every version of the csv module.
-    """
-    writer = csv.writer(file, lineterminator="\r\n")
-    writer.writerow(COLUMNS)
+
+def write_slices(measurement: Measurement, file: TextIO) -> None:
+    """Write one line per slice, always metric."""
+    write = writer_of(file, COLUMNS)
     for result in measurement.results:
         if isinstance(result, AreaResult):
-            name = harmless_cell(encodable(result.name))
             for piece in result.slices:
-                row = record_of(Slice).write(piece)
-                writer.writerow([name, *(_number(value) for value in row.values())])
+                write([harmless(result.name), *record_of(Slice).write(piece).values()])
 
 
-def _number(value: float) -> float:
+def writer_of(file: TextIO, columns: Sequence[str]) -> Callable[[Sequence[Any]], None]:
+    """Write a line of headings; return what writes further lines.
+
+    The file is one opened with ``newline=""``; lines end with CR LF, so that a name with either
+    of them is quoted by every version of the csv module. What is None is left empty.
+    """
+    writer = csv.writer(file, lineterminator="\r\n")
+    writer.writerow(columns)
+    return lambda row: writer.writerow([_plain(value) for value in row])
+
+
+def _plain(value: Any) -> Any:
     """Return a number without the last digits, which are rounding: 0.3, not 0.30000000000000004.
 
-    Twelve digits tell a cubic kilometre to a litre; a count is left as it is.
+    Twelve digits tell a cubic kilometre to a litre; true and false are as in JSON, and texts and
+    counts are left as they are.
     """
-    return value if isinstance(value, int) else float(f"{value:.12g}")
+    if isinstance(value, bool):
+        return str(value).lower()
+    return float(f"{value:.12g}") if isinstance(value, float) else value

@@ -8,8 +8,9 @@ import shapely
 from matplotlib.figure import Figure
 
 from ...types import AreaResult, Body, Measurement, Relief
+from ..wording.terms import Terms, terms_of
 from ..wording.units import Units, plus_minus
-from ..wording.words import is_terrain, volume_word
+from ..wording.words import is_terrain
 from .body import SHOWN, draw_sections, draw_stack, evenly_spaced, sections_of
 from .look import (
     HALO,
@@ -28,6 +29,7 @@ from .terrain.plan import (
     View,
     draw_colour_bar,
     draw_plan,
+    draw_pour_points,
     draw_section_line,
     finish_plan,
     outline,
@@ -46,6 +48,7 @@ Box = Tuple[float, float, float, float]  # left, bottom, width, height in inches
 
 def area_picture(result: AreaResult, measurement: Measurement, units: Units) -> bytes:
     """Draw plan, section and slices of an area, the sections of a body, or slices alone."""
+    terms = terms_of(measurement)
     with style():
         if result.body is not None:
             figure = _body(result, result.body, units)
@@ -53,12 +56,13 @@ def area_picture(result: AreaResult, measurement: Measurement, units: Units) -> 
             figure = _terrain(result, result.relief, measurement, units)
         else:
             figure = new_figure(6.6)
-            draw_profile(axes_at(figure, (0.95, 0.7, WIDTH_IN - 1.3, 4.65)), result, units)
-        _head(figure, result, units)
+            draw_profile(axes_at(figure, (0.95, 0.7, WIDTH_IN - 1.3, 4.65)), result, units, terms)
+        _head(figure, result, units, terms)
         return png_bytes(figure)
 
 
 def _terrain(result: AreaResult, relief: Relief, measurement: Measurement, units: Units) -> Figure:
+    terms = terms_of(measurement)
     view = view_of(shapely.from_wkb(relief.polygon_wkb))
     height, boxes = _layout((view[1] - view[0]) / (view[3] - view[2]))
     figure = new_figure(height)
@@ -67,12 +71,14 @@ def _terrain(result: AreaResult, relief: Relief, measurement: Measurement, units
     axes = axes_at(figure, boxes["plan"])
     draw_plan(axes, ground, result.slices, limit, view)
     finish_plan(axes, view, measurement.crs, measurement.length_unit, units)
-    draw_colour_bar(axes_at(figure, boxes["colours"]), limit, units)
+    draw_colour_bar(axes_at(figure, boxes["colours"]), limit, units, terms)
     section = section_of(relief)
     if section is not None:
         draw_section_line(axes, section)
-        draw_section(axes_at(figure, boxes["section"]), section, units)
-    draw_profile(axes_at(figure, boxes["profile"]), result, units)
+        draw_section(axes_at(figure, boxes["section"]), section, units, terms)
+    if result.stage is not None:
+        draw_pour_points(axes, result.stage, units)
+    draw_profile(axes_at(figure, boxes["profile"]), result, units, terms)
     return figure
 
 
@@ -109,13 +115,13 @@ def _body(result: AreaResult, body: Body, units: Units) -> Figure:
     return figure
 
 
-def _head(figure: Figure, result: AreaResult, units: Units) -> None:
+def _head(figure: Figure, result: AreaResult, units: Units, terms: Terms) -> None:
     parts: List[Tuple[str, Optional[float], Optional[float]]] = [
-        (volume_word(result), result.volume_m3, result.std_m3)
+        (terms.volume(result), result.volume_m3, result.std_m3)
     ]
     if is_terrain(result):
-        parts.append(("cut", result.cut_m3, result.cut_std_m3))
-        parts.append(("fill", result.fill_m3, result.fill_std_m3))
+        parts.append((terms.cut.lower(), result.cut_m3, result.cut_std_m3))
+        parts.append((terms.fill.lower(), result.fill_m3, result.fill_std_m3))
     words = []
     for word, value, std in parts:
         shown = units.volume_number(value, std) + plus_minus(units.half_width(std))
@@ -159,7 +165,7 @@ def _overview(drawn: List[AreaResult], measurement: Measurement, units: Units) -
     finish_plan(axes, view, measurement.crs, measurement.length_unit, units)
     bar_high = min(high, 6.0)
     bar = (0.95 + wide, 0.65 + (high - bar_high) / 2, 0.17, bar_high)
-    draw_colour_bar(axes_at(figure, bar), limit, units)
+    draw_colour_bar(axes_at(figure, bar), limit, units, terms_of(measurement))
     head_line(figure, 0.32, "All areas", size=17, weight="bold", color=INK)
     return figure
 

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.collections import PolyCollection
 
 from ...types import AreaResult, Body, Slice, interval95
+from ..wording.terms import VOLUME, Terms
 from ..wording.units import Units, number
 from ..wording.words import is_terrain
 from .body import Section, draw_badge
@@ -31,12 +32,12 @@ __all__ = ["draw_convergence", "draw_heights", "draw_profile"]
 SEPARATE = 60  # more slices than this are drawn without lines between them
 
 
-def draw_profile(axes: Any, result: AreaResult, units: Units) -> None:
+def draw_profile(axes: Any, result: AreaResult, units: Units, terms: Terms = VOLUME) -> None:
     """Draw a bar per slice, with the base between cut and fill."""
     slices = [s for s in result.slices if np.isfinite(s.area_m2)]
     upwards, colours = "elevation", [BODY] * len(slices)
     if is_terrain(result):
-        upwards, colours = "height above base", [CUT if s.z_m > 0 else FILL for s in slices]
+        upwards, colours = terms.height_axis, [CUT if s.z_m > 0 else FILL for s in slices]
         axes.axhline(0.0, color=BASE, linewidth=1.2, dashes=(5, 2.5))
     across = f"area of the slice, {units.area}"
     axes.set(title="Slices", xlabel=across, ylabel=f"{upwards}, {units.length}")

@@ -9,49 +9,69 @@ import html
 import json
 import string
 from collections import Counter
+from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
 from typing import Any, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
 
 from ...types import AreaFailure, AreaResult, Measurement, Scaled, plain
+from ..wording.alignment import earlier_survey, others_than_moved
 from ..wording.notices import in_units, kind_of, lines_of_kinds, warnings_of_results
 from ..wording.scaling import factor_words
+from ..wording.terms import terms_of
 from ..wording.units import NOTHING, Units
-from ..wording.words import coordinate_rows, crs_words, printable, volume_word, volumes
+from ..wording.words import coordinate_rows, crs_words, printable, volumes
+from .change import alignment_card, series_card
 from .markup import Markup, facts, figure, join, note, table, tag
 from .result import result_body
 from .scaling import scale_section
+from .stage import stage_section
 
-__all__ = ["render_html", "render_scale_html"]
+__all__ = ["Pictures", "render_html", "render_scale_html"]
 
 Result = Union[AreaResult, AreaFailure]
+Picture = Union[Path, bytes]
 END = "</body>\n</html>\n"
 
 
-def render_html(
-    measurement: Measurement,
-    units: Units,
-    pictures: Mapping[int, Union[Path, bytes]],
-    overview: Optional[Path] = None,
-    scale_picture: Optional[Path] = None,
-) -> Iterator[str]:
-    """Yield the page of a measurement in pieces, which saves memory where areas are many.
+@dataclass(frozen=True)
+class Pictures:
+    """The PNGs of a page, each a file or what is in one; what is None has none.
 
-    `pictures` has the PNG (a file, or what is in one) of each result that has one, by its index.
+    Attributes
+    ----------
+    areas, stages : of results, by their index.
     """
+
+    areas: Mapping[int, Picture] = field(default_factory=dict)
+    stages: Mapping[int, Picture] = field(default_factory=dict)
+    overview: Optional[Picture] = None
+    scale: Optional[Picture] = None
+    alignment: Optional[Picture] = None
+    series: Optional[Picture] = None
+
+
+def render_html(measurement: Measurement, units: Units, pictures: Pictures) -> Iterator[str]:
+    """Yield the page of a measurement in pieces, which saves memory where areas are many."""
+    terms = terms_of(measurement)
     views = sum(isinstance(r, AreaResult) and r.body is not None for r in measurement.results)
     scale = measurement.scale
     of_scale = () if scale is None else scale.warnings  # shown in the card of the scale
-    warnings = [in_units(w, units) for w in measurement.warnings if w not in of_scale]
-    yield _top(f"Volumes: {measurement.source}", views)
-    yield _header("Volume report", measurement.source, _chips(measurement, units), warnings)
+    told = [w for w in others_than_moved(measurement) if w not in of_scale]
+    warnings = [in_units(w, units) for w in told]
+    yield _top(f"{terms.title}: {measurement.source}", views)
+    yield _header(terms.report, measurement.source, _chips(measurement, units), warnings)
     if scale is not None:
-        yield scale_section(scale, units, scale_picture)
+        yield scale_section(scale, units, pictures.scale)
+    if measurement.alignment is not None:
+        yield alignment_card(measurement.alignment, units, pictures.alignment)
     of_areas = warnings_of_results(measurement, units)
     own = _own(of_areas)
     if len(measurement.results) > 1:
         lines = lines_of_kinds(of_areas, named=True)
-        yield _summary(measurement, units, overview, lines, bodies=views > 0)
+        yield _summary(measurement, units, pictures.overview, lines, bodies=views > 0)
+    if measurement.series:
+        yield series_card(measurement, units, pictures.series)
     for index, result in enumerate(measurement.results):
         if isinstance(result, AreaFailure):
             reason = join("Not measured: ", in_units(result.error, units))
@@ -63,9 +83,11 @@ def render_html(
 
             view = view_markup(result, units, north=bool(measurement.crs), views=views)
         said = [text for name, text in own if name == result.name]
-        above, below = result_body(result, units, said)
-        words = f"{volume_word(result)} of {result.name}: views"
-        yield _card(index, result, above, figure(pictures.get(index), words), view, below)
+        above, below = result_body(result, units, said, terms)
+        words = f"{terms.volume(result)} of {result.name}: views"
+        drawn = figure(pictures.areas.get(index), words)
+        stage = stage_section(result, units, pictures.stages.get(index))
+        yield _card(index, result, above, drawn, view, stage, below)
     yield _provenance(measurement.provenance, measurement.crs)
     if views:
         from .view import script
@@ -123,8 +145,9 @@ def _header(
 
 
 def _chips(measurement: Measurement, units: Units) -> List[Tuple[str, str]]:
-    factor = measurement.grid_scale_factor
-    chips = [
+    factor, before = measurement.grid_scale_factor, earlier_survey(measurement)
+    chips = [] if before is None else [("Before", before)]
+    chips += [
         ("CRS", crs_words(measurement.crs)),
         ("Units", f"{units.length}, {units.area}, {units.volume}"),
         ("Shape", measurement.shape),
@@ -139,14 +162,14 @@ def _chips(measurement: Measurement, units: Units) -> List[Tuple[str, str]]:
 def _summary(
     measurement: Measurement,
     units: Units,
-    overview: Optional[Path],
+    overview: Optional[Picture],
     warnings: Sequence[str],
     *,
     bodies: bool,
 ) -> str:
     """Return the table of all areas, with links to them, and all their warnings."""
-    unit = units.volume
-    title, head = "All areas", ["Area", "Net", f"Cut, {unit}", f"Fill, {unit}"]
+    unit, terms = units.volume, terms_of(measurement)
+    title, head = "All areas", ["Area", terms.net, f"{terms.cut}, {unit}", f"{terms.fill}, {unit}"]
     if bodies:
         title, head = "All bodies", ["Body", "Volume", "Height", "Surface area"]
     elif all(isinstance(r, AreaFailure) or r.cut_m3 is None for r in measurement.results):

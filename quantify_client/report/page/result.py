@@ -6,33 +6,37 @@ import math
 from typing import List, Optional, Sequence, Tuple
 
 from ...types import AreaResult, Check, interval95
+from ..wording.terms import VOLUME, Terms
 from ..wording.units import NOTHING, Units, count, number, plus_minus
 from ..wording.words import (
     base_words,
+    changed_words,
     coverage_words,
     floor_words,
     gap_words,
     is_terrain,
     left_out_words,
-    volume_word,
     volumes,
 )
 from .markup import Markup, bar, details, facts, join, note, table, tag, tile
 
 __all__ = ["result_body"]
 
-SOURCES = {"scale": "how well the control knows the size of the whole cloud"}
+SOURCES = {
+    "scale": "how well the control knows the size of the whole cloud",
+    "alignment": "how well it is known how the surveys lie on each other",
+}
 
 
 def result_body(
-    result: AreaResult, units: Units, warnings: Sequence[str] = ()
+    result: AreaResult, units: Units, warnings: Sequence[str] = (), terms: Terms = VOLUME
 ) -> Tuple[Markup, Markup]:
     """Return the parts above the picture, with the warnings, and those below it."""
-    above = [tag("dl", *_headline(result, units), class_="headline"), note(warnings)]
+    above = [tag("dl", *_headline(result, units, terms), class_="headline"), note(warnings)]
     if result.body is not None:
         words = f"{floor_words(result.body, units)} {gap_words(result.body, units)}"
         above.append(tag("p", words, class_="stands"))
-    columns = [tag("section", tag("h3", "Numbers and inputs"), facts(_facts(result, units)))]
+    columns = [tag("section", tag("h3", "Numbers and inputs"), facts(_facts(result, units, terms)))]
     if result.budget:
         columns.append(tag("section", tag("h3", "Error budget"), _budget(result, units)))
     below = [tag("div", *columns, class_="columns")]
@@ -42,18 +46,18 @@ def result_body(
         rows = [[base_words(row.base, units), *volumes(row, units)] for row in result.bases]
         below.append(details("Base surfaces compared", table(head, rows), opened=True))
     if result.slices:
-        below.append(details(f"Slices ({len(result.slices)})", _slices(result, units)))
+        below.append(details(f"Slices ({len(result.slices)})", _slices(result, units, terms)))
     return join(*above), join(*below)
 
 
-def _headline(result: AreaResult, units: Units) -> List[Markup]:
-    tiles = [_volume(volume_word(result), result.volume_m3, result.std_m3, units)]
+def _headline(result: AreaResult, units: Units, terms: Terms) -> List[Markup]:
+    tiles = [_volume(terms.volume(result), result.volume_m3, result.std_m3, units)]
     if is_terrain(result):
         cut, fill = (result.cut_m3, result.cut_std_m3), (result.fill_m3, result.fill_std_m3)
-        tiles.append(_volume("Cut, above the base", *cut, units, kind="cut"))
-        tiles.append(_volume("Fill, below the base", *fill, units, kind="fill"))
+        tiles.append(_volume(terms.cut_tile, *cut, units, kind="cut"))
+        tiles.append(_volume(terms.fill_tile, *fill, units, kind="fill"))
     if result.mass_t is not None:
-        of = "of the cut" if is_terrain(result) else "of the body"
+        of = f"of the {terms.cut.lower()}" if is_terrain(result) else "of the body"
         shown, unit = units.mass_text(result.mass_t, result.mass_std_t).rsplit("\u00a0", 1)
         spread = plus_minus(units.mass_half_width(result.mass_std_t))
         tiles.append(tile("Mass", shown, f"{spread} {unit}", f"{of}, \u00b1 95 %"))
@@ -98,7 +102,7 @@ def _elevations(result: AreaResult, units: Units) -> str:
     return f"{units.length_number(result.min_z_m)} to {units.length_text(result.max_z_m)}"
 
 
-def _facts(result: AreaResult, units: Units) -> List[Tuple[str, object]]:
+def _facts(result: AreaResult, units: Units, terms: Terms) -> List[Tuple[str, object]]:
     uneven = "uneven" if result.slices else NOTHING
     even = units.length_text(result.slice_height_m)
     rows: List[Tuple[str, object]] = [
@@ -107,12 +111,14 @@ def _facts(result: AreaResult, units: Units) -> List[Tuple[str, object]]:
         ("Perimeter", units.length_text(result.perimeter_m)),
         ("Lowest, highest", _elevations(result, units)),
         ("Greatest height", units.length_text(result.max_height_m)),
-        ("Base", NOTHING if result.base is None else base_words(result.base, units)),
+        (terms.base, NOTHING if result.base is None else base_words(result.base, units)),
         ("Cell", units.length_text(result.cell_m)),
         ("Coverage by points", coverage_words(result.coverage)),
         ("Points used", count(result.points_used)),
         ("Points left out", left_out_words(result)),
         ("Slice height", uneven if result.slice_height_m is None else even),
+        ("Level of detection of a cell", units.length_text(result.level_of_detection_m)),
+        (terms.changed, changed_words(result, units)),
     ]
     return rows + [
         (f"Check: {check.method}", _check(result, check, units)) for check in result.checks
@@ -142,8 +148,8 @@ def _budget(result: AreaResult, units: Units) -> Markup:
     return table(head, rows, foot=foot)
 
 
-def _slices(result: AreaResult, units: Units) -> Markup:
-    middle = "Above base" if is_terrain(result) else "Elevation"
+def _slices(result: AreaResult, units: Units, terms: Terms) -> Markup:
+    middle = terms.height if is_terrain(result) else "Elevation"
     head = [
         f"{middle}, {units.length}",
         f"Thickness, {units.length}",

@@ -24,7 +24,7 @@ from ..wording.scaling import (
     worst,
 )
 from ..wording.units import Units, count, named_units
-from .results import print_grid, say, terminal_text
+from .rows import print_grid, say, terminal_text
 
 __all__ = ["print_scaling"]
 

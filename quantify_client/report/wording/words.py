@@ -11,6 +11,7 @@ from .units import NOTHING, Units, count, number
 
 __all__ = [
     "base_words",
+    "changed_words",
     "coordinate_line",
     "coordinate_rows",
     "coverage_words",
@@ -23,7 +24,6 @@ __all__ = [
     "left_out_words",
     "printable",
     "slug",
-    "volume_word",
     "volumes",
 ]
 
@@ -135,14 +135,18 @@ def coverage_words(coverage: Optional[float]) -> str:
     return f"{percent:.0f}\u00a0%" if percent in (0.0, 100.0) else f"{percent:.1f}\u00a0%"
 
 
+def changed_words(result: AreaResult, units: Units) -> str:
+    """Return the area of cells beyond their level of detection, and its share of the area."""
+    changed, area = result.area_changed_m2, result.area_m2
+    share = ""
+    if changed is not None and area:
+        share = f" ({coverage_words(min(changed / area, 1.0))})"
+    return units.area_text(changed) + share
+
+
 def is_terrain(result: AreaResult) -> bool:
     """Return whether a result has a base, and with it a cut and a fill."""
     return result.cut_m3 is not None
-
-
-def volume_word(result: AreaResult) -> str:
-    """Return what `volume_m3` is called: net for terrain, volume for a body."""
-    return "Net" if is_terrain(result) else "Volume"
 
 
 def volumes(result: AreaResult, units: Units) -> List[str]:

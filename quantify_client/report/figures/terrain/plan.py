@@ -8,10 +8,12 @@ import numpy as np
 import shapely
 from matplotlib.patches import PathPatch
 
-from ....types import FloatArray, Relief, Slice
+from ....types import FloatArray, Relief, Slice, Stage
+from ...wording.terms import VOLUME, Terms
 from ...wording.units import Units
 from ..look import (
     BASE,
+    FILL,
     HALO,
     HEIGHTS_ABOVE_BASE,
     INK,
@@ -23,6 +25,7 @@ from ..look import (
     scale_bar,
     size_in,
     ticks,
+    write_beside,
 )
 from .section import TerrainSection
 from .shading import block_mean, enlarge, extent_of, interpolated, paint
@@ -32,6 +35,7 @@ __all__ = [
     "contour_levels",
     "draw_colour_bar",
     "draw_plan",
+    "draw_pour_points",
     "draw_section_line",
     "finish_plan",
     "outline",
@@ -44,6 +48,7 @@ MARGIN = 0.10  # ground shown round the area, as a share of its size
 NARROWEST = 0.16  # the shorter side of a view over its longer one
 CONTOURS = 12
 LABEL_IN = 0.9  # length of a northing written out
+POUR_LABELS = 8  # levels written beside pour points; more would cover the plan
 CONTOUR_CELLS = 220  # finer contours follow noise and cost time
 
 
@@ -155,10 +160,22 @@ def draw_section_line(axes: Any, section: TerrainSection) -> None:
         axes.annotate(letter, (x[end], y[end]), annotation_clip=False, **looks)
 
 
-def draw_colour_bar(axes: Any, limit: float, units: Units) -> None:
+def draw_pour_points(axes: Any, stage: Stage, units: Units) -> None:
+    """Mark where basins spill: filled over the outline, with the level; hollow between basins."""
+    for index, point in enumerate(stage.pour_points):
+        colour = FILL if point.outside else "white"
+        looks = {"markeredgecolor": INK, "markersize": 11.0, "zorder": 5, "clip_on": True}
+        axes.plot([point.x], [point.y], marker="v", color=colour, linestyle="", **looks)
+        if index < POUR_LABELS:
+            beside = {"size": 10, "va": "center", "path_effects": HALO, "annotation_clip": True}
+            words = units.length_text(point.level_m)
+            write_beside(axes, words, (point.x, point.y), (9, 1), zorder=6, **beside)
+
+
+def draw_colour_bar(axes: Any, limit: float, units: Units, terms: Terms = VOLUME) -> None:
     """Draw the colour scale of heights above the base."""
     gradient(axes, HEIGHTS_ABOVE_BASE, limit * units.length_per_m, upright=True)
     axes.yaxis.tick_right()
     axes.yaxis.set_label_position("right")
     ticks(axes.yaxis, 6)
-    axes.set_ylabel(f"below base (fill)  \u00b7  above (cut), {units.length}")
+    axes.set_ylabel(f"{terms.colours}, {units.length}")

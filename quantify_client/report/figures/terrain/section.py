@@ -10,6 +10,7 @@ import shapely
 from scipy.ndimage import map_coordinates
 
 from ....types import FloatArray, Relief
+from ...wording.terms import VOLUME, Terms
 from ...wording.units import Units
 from ..look import BASE, CUT, FILL, INK, limits_with_margin, size_in, ticks
 
@@ -105,7 +106,7 @@ def sample(values: FloatArray, relief: Relief, x: FloatArray, y: FloatArray) -> 
     return np.where(known, total / np.where(known, weight, 1.0), np.nan)
 
 
-def draw_section(axes: Any, section: TerrainSection, units: Units) -> None:
+def draw_section(axes: Any, section: TerrainSection, units: Units, terms: Terms = VOLUME) -> None:
     """Draw the section with cut and fill filled, and say how much heights are exaggerated."""
     along = section.along_m * units.length_per_m
     terrain = section.terrain_m * units.length_per_m
@@ -114,8 +115,8 @@ def draw_section(axes: Any, section: TerrainSection, units: Units) -> None:
     looks = {"interpolate": True, "alpha": 0.55, "linewidth": 0}
     for colour, where in ((CUT, terrain >= base), (FILL, terrain < base)):
         axes.fill_between(along, terrain, base, where=where & both, color=colour, **looks)
-    axes.plot(along, terrain, color=INK, linewidth=1.5, label="terrain")
-    axes.plot(along, base, color=BASE, linewidth=1.3, dashes=(5, 2.5), label="base")
+    axes.plot(along, terrain, color=INK, linewidth=1.5, label=terms.upper_line)
+    axes.plot(along, base, color=BASE, linewidth=1.3, dashes=(5, 2.5), label=terms.lower_line)
     exaggeration = _set_limits(axes, along, np.concatenate([terrain, base]))
     axes.grid(axis="y")
     wide, high = size_in(axes)

@@ -39,9 +39,14 @@ LARGEST_SAMPLE = 200_000
 def coarse(relief: Relief, largest: int) -> Relief:
     """Average cells until neither side has more than `largest`.
 
-    A coarse cell counts as measured when points support at least half of its cells.
+    A coarse cell counts as measured when points support at least half of its cells, and as without
+    a change when none was detected in half of those in the area.
     """
     factor = max(1, -(-max(relief.elevation_m.shape) // largest))
+    undetected = relief.undetected
+    if undetected is not None:
+        inside = np.where(np.isfinite(relief.above_base_m), undetected, np.nan)
+        undetected = block_mean(inside, factor) >= 0.5
     return replace(
         relief,
         cell_m=relief.cell_m * factor,
@@ -50,6 +55,7 @@ def coarse(relief: Relief, largest: int) -> Relief:
         fraction=np.nan_to_num(block_mean(relief.fraction, factor)),
         sigma_m=None,
         measured=block_mean(relief.measured.astype(np.float64), factor) >= 0.5,
+        undetected=undetected,
     )
 
 

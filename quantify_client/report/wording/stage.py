@@ -1,0 +1,37 @@
+"""How much an area holds below each level, in words."""
+
+from __future__ import annotations
+
+from typing import List
+
+from ...types import PourPoint, Stage
+from .units import Units, count, fixed
+
+__all__ = ["capacity_words", "place_words", "spilling", "where_words"]
+
+
+def spilling(stage: Stage) -> List[PourPoint]:
+    """Return where water leaves the area, the basin that holds most first."""
+    return [point for point in stage.pour_points if point.outside]
+
+
+def capacity_words(stage: Stage, units: Units) -> str:
+    """Return one sentence: what the area holds, and at which level it begins to spill."""
+    out = spilling(stage)
+    if not out:
+        return "nothing is shut in: no basin of it was found that spills over the outline"
+    held = units.volume_text(stage.capacity_m3)
+    level = units.length_text(out[0].level_m)
+    if len(out) == 1:
+        return f"{held} when full, spills over the outline at {level}"
+    return f"{held} in {count(len(out))} basins when full, the largest spills at {level}"
+
+
+def where_words(point: PourPoint) -> str:
+    """Return where to the water of a full basin goes."""
+    return "over the outline" if point.outside else "into another basin"
+
+
+def place_words(point: PourPoint) -> List[str]:
+    """Return x and y of a pour point, as plans have them: never in other units than the frame's."""
+    return [fixed(point.x, 2), fixed(point.y, 2)]
