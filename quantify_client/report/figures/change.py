@@ -53,7 +53,7 @@ def alignment_picture(ground: StableGround, aligned: Aligned, units: Units) -> b
         ticks(axes.xaxis, 9)
         ticks(axes.yaxis, 4)
         axes.grid(axis="y")
-        axes.legend(loc="upper right", frameon=False, fontsize=10.5)
+        axes.legend(loc="upper right", edgecolor="white", framealpha=1.0, fontsize=10.5)
         title = "Differences of height on ground that did not change"
         head_line(figure, 0.32, title, size=17, weight="bold", color=INK)
         said = f"{units.area_text(aligned.stable_area_m2)} of stable ground compared"

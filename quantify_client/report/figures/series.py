@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
+import re
 from dataclasses import dataclass
 from typing import Any, List, Optional, Sequence, Tuple
 
@@ -30,12 +32,12 @@ from .look import (
     ticks,
 )
 
-__all__ = ["AreaSeries", "area_series", "series_picture"]
+__all__ = ["AreaSeries", "area_series", "series_picture", "short_names"]
 
 MOST_AREAS = 6
 MOST_NAMED = 12  # surveys; of more every n-th is named
 NAME_LENGTH = 16
-BAR = 0.5  # width of a bar, in distances between surveys
+WIDEST_BAR = 0.5  # in distances between surveys; of few surveys bars are narrower
 ROW_IN, LABELS_IN, TOP_IN = 3.0, 1.25, 1.35
 
 Interval = Optional[Tuple[float, float]]
@@ -126,7 +128,8 @@ def _draw_area(axes: Any, area: AreaSeries, units: Units) -> None:
     changes, sums = area.changes * per_m3, area.sums * per_m3
     known = np.isfinite(changes)
     colours = [CUT if change >= 0 else FILL for change in changes[known]]
-    axes.bar(middles[known], changes[known], BAR, color=colours, alpha=0.75, linewidth=0)
+    width = min(0.1 + 0.08 * len(changes), WIDEST_BAR)
+    axes.bar(middles[known], changes[known], width, color=colours, alpha=0.75, linewidth=0)
     ends = [*changes[known], *sums[np.isfinite(sums)], 0.0]
     for at, interval in zip(middles, area.intervals):
         ends += _draw_interval(axes, at, interval, per_m3, INK)
@@ -165,20 +168,36 @@ def _name_surveys(axes: Any, surveys: Sequence[str]) -> None:
     """Write the surveys' names below the axis, slanted where they would touch."""
     every = -(-len(surveys) // MOST_NAMED)
     at = list(range(0, len(surveys), every))
-    names = [_short(survey_name(surveys[k])) for k in at]
+    every_name = short_names([survey_name(survey) for survey in surveys])
+    names = [drawable(every_name[k]) for k in at]
     letters = sum(map(len, names)) * 0.1 + 0.15 * len(names)  # inches, about
     slanted = letters > axes.get_position().width * WIDTH_IN
     looks = {"rotation": 25, "ha": "right", "rotation_mode": "anchor"} if slanted else {}
     axes.set_xticks(at, names, **looks)
 
 
+def short_names(names: Sequence[str]) -> List[str]:
+    """Return names without the ending that all of them share; long ones without their middle.
+
+    Examples
+    --------
+    >>> short_names(["2026-05-14 quarry north.laz", "2026-06-14 quarry north.laz"])
+    ['2026-05-14', '2026-06-14']
+    >>> short_names(["before everything else.laz", "after.laz"])
+    ['before \u2026ng else', 'after']
+    """
+    shared = os.path.commonprefix([name[::-1] for name in names])[::-1]
+    parted = re.search(r"[ _.]", shared)
+    end = len(shared) - parted.start() if parted and len(names) > 1 else 0
+    return [_short(name[: len(name) - end] or name) for name in names]
+
+
 def _short(name: str) -> str:
     """Return a name with its middle left out where it is long: dates stand at either end."""
-    shown = drawable(name, 200)
-    if len(shown) <= NAME_LENGTH:
-        return shown
+    if len(name) <= NAME_LENGTH:
+        return name
     half = (NAME_LENGTH - 1) // 2
-    return f"{shown[:half]}\u2026{shown[-half:]}"
+    return f"{name[:half]}\u2026{name[-half:]}"
 
 
 def _legend(figure: Figure, whole: bool) -> None:

@@ -75,7 +75,7 @@ def _draw_curves(volume: Any, area: Any, stage: Stage, units: Units) -> None:
         ticks(axes.yaxis, 8)
         axes.grid()
         _draw_pour_levels(axes, stage, units, named=axes is volume)
-    _explain(volume, bool(spills.any()))
+    _explain(area, bool(spills.any()))
 
 
 def _band(stage: Stage, units: Units) -> Tuple[Any, Any]:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Union
 
 from ...types import AreaResult, Stage
-from ..wording.stage import capacity_words, place_words, where_words
+from ..wording.stage import capacity_words, held_words, place_words, where_words
 from ..wording.units import Units, number
 from .markup import Markup, details, figure, table, tag
 
@@ -76,7 +76,7 @@ def _pour_points(stage: Stage, units: Units) -> Markup:
             where_words(point),
             units.length_number(point.level_m),
             *place_words(point),
-            units.volume_number(point.volume_m3),
+            held_words(point.volume_m3, units),
             number(point.water_area_m2 * units.area_per_m2, digits=5),
             units.length_number(point.lowest_m),
         ]

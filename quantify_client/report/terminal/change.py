@@ -10,11 +10,13 @@ from ...types import Measurement
 from ..wording.alignment import alignment_lines, pairs_and_whole, surveys_words
 from ..wording.notices import in_units
 from ..wording.terms import CHANGE
-from ..wording.units import Units
+from ..wording.units import Units, count
 from ..wording.words import volumes
 from .rows import Row, print_rows, say
 
 __all__ = ["print_alignment", "print_series"]
+
+SHOWN = 40  # rows; a longer series is read in the report
 
 
 def print_alignment(measurement: Measurement, console: Console, units: Units) -> None:
@@ -46,7 +48,9 @@ def print_series(measurement: Measurement, console: Console, units: Units) -> No
         ]
         if rows:
             say(console, title, "bold")
-            print_rows(console, rows)
+            print_rows(console, rows[-SHOWN:], once="Surveys")
+        if len(rows) > SHOWN:
+            say(console, f"{count(len(rows) - SHOWN)} earlier rows are in the report")
         for epochs in some:
             for failed in epochs.failures:
                 error = in_units(failed.error, units)

@@ -35,11 +35,18 @@ ASCII = str.maketrans(
 Row = List[Tuple[str, str]]  # heading and cell
 
 
-def print_rows(console: Console, rows: List[Row]) -> None:
-    """Print a table, or where it does not fit a line for each cell."""
+def print_rows(console: Console, rows: List[Row], once: str = "") -> None:
+    """Print a table, or where it does not fit a line for each cell.
+
+    In the column `once` of the table a cell that repeats the one above it is left empty.
+    """
     # Columns are those of any row, in the order of the fullest.
     headings = list(dict.fromkeys(h for row in sorted(rows, key=len)[::-1] for h, _ in row))
     cells = [[terminal_text(console, dict(row).get(h, "")) for h in headings] for row in rows]
+    if once in headings:
+        column = headings.index(once)
+        for above, row in reversed(list(zip(cells, cells[1:]))):
+            row[column] = Text() if row[column] == above[column] else row[column]
     if print_grid(console, headings, cells):
         return
     for (_, name), *rest in rows:

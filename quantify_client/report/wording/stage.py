@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import List
+from typing import List, Optional
 
 from ...types import PourPoint, Stage
-from .units import Units, count, fixed
+from .units import Units, count, fixed, number
 
-__all__ = ["capacity_words", "place_words", "spilling", "where_words"]
+__all__ = ["capacity_words", "held_words", "place_words", "spilling", "where_words"]
 
 
 def spilling(stage: Stage) -> List[PourPoint]:
@@ -20,11 +20,16 @@ def capacity_words(stage: Stage, units: Units) -> str:
     out = spilling(stage)
     if not out:
         return "nothing is shut in: no basin of it was found that spills over the outline"
-    held = units.volume_text(stage.capacity_m3)
+    held = f"{held_words(stage.capacity_m3, units)}\u00a0{units.volume}"
     level = units.length_text(out[0].level_m)
     if len(out) == 1:
         return f"{held} when full, spills over the outline at {level}"
     return f"{held} in {count(len(out))} basins when full, the largest spills at {level}"
+
+
+def held_words(volume_m3: Optional[float], units: Units) -> str:
+    """Return what a basin holds, without unit: three digits, as nobody knows its error."""
+    return number(None if volume_m3 is None else volume_m3 * units.volume_per_m3, digits=3)
 
 
 def where_words(point: PourPoint) -> str:

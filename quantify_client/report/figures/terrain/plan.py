@@ -64,8 +64,18 @@ def view_of(polygons: Any) -> View:
     return (x - wide / 2, x + wide / 2, y - high / 2, y + high / 2)
 
 
-def draw_plan(axes: Any, ground: Relief, slices: Sequence[Slice], limit: float, view: View) -> None:
-    """Draw the shaded relief, its contours and the outline of the area."""
+def draw_plan(
+    axes: Any,
+    ground: Relief,
+    slices: Sequence[Slice],
+    limit: float,
+    view: View,
+    remarks: Sequence[str] = (),
+) -> None:
+    """Draw the shaded relief, its contours and the outline of the area, and explain its marks.
+
+    `remarks` explain what others will draw on it.
+    """
     west, east, south, north = extent = extent_of(ground)
     per_m = size_in(axes)[0] * axes.figure.dpi / (view[1] - view[0])
     # The view may cut a large relief: its hidden part is not worth memory.
@@ -81,7 +91,7 @@ def draw_plan(axes: Any, ground: Relief, slices: Sequence[Slice], limit: float, 
         words.append("hatched grey: no change detected")
     outline(axes, shapely.from_wkb(ground.polygon_wkb))
     axes.annotate(
-        "   \u00b7   ".join(words),
+        "   \u00b7   ".join([*words, *remarks]),
         (1.0, 1.0),
         xytext=(0, 5),
         xycoords="axes fraction",

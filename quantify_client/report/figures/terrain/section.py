@@ -20,6 +20,7 @@ OVERSHOOT = 0.06  # the line goes on beyond the area by this share of its length
 FEWEST_SAMPLES, MOST_SAMPLES = 30, 900
 ROOM = 0.9  # exaggerated terrain takes at most this share of the height
 NARROW_IN = 3.2  # below it, label and legend need shorter words to stand side by side
+NARROWER_IN = 2.4  # below it, the lines in the legend need to be shorter, too
 EXAGGERATIONS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 15.0, 20.0, 30.0, 50.0, 100.0)
 
 
@@ -122,6 +123,7 @@ def draw_section(axes: Any, section: TerrainSection, units: Units, terms: Terms 
     wide, high = size_in(axes)
     words = "from A" if wide < NARROW_IN else "distance from A"
     axes.set_xlabel(f"{words}, {units.length}", loc="left")
+    tight = wide < NARROWER_IN
     axes.legend(
         loc="upper right",
         bbox_to_anchor=(1.0, -0.24 / high),  # below, beside the label: inside it would hide terrain
@@ -130,8 +132,8 @@ def draw_section(axes: Any, section: TerrainSection, units: Units, terms: Terms 
         fontsize=10,
         borderaxespad=0.0,
         borderpad=0.0,
-        handlelength=2.2,
-        columnspacing=1.4,
+        handlelength=1.3 if tight else 2.2,
+        columnspacing=0.9 if tight else 1.4,
     )
     exaggerated = "" if exaggeration == 1.0 else f", heights \u00d7 {exaggeration:g}"
     axes.set(title=f"Section A\u2013A\u2032{exaggerated}", ylabel=f"elevation, {units.length}")
