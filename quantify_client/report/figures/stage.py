@@ -35,7 +35,7 @@ APART = 0.06  # labels stand at least so far from each other, as a share of the 
 def stage_picture(result: AreaResult, stage: Stage, units: Units) -> bytes:
     """Draw volume and water area against the level, with the levels at which water leaves."""
     with style():
-        figure = new_figure(6.2)
+        figure = new_figure(6.55)
         wide = (WIDTH_IN - 2.3) / 2
         volume = axes_at(figure, (0.95, 0.75, wide, 4.35))
         area = axes_at(figure, (0.95 + wide + 0.95, 0.75, wide, 4.35))
@@ -47,7 +47,11 @@ def stage_picture(result: AreaResult, stage: Stage, units: Units) -> bytes:
 def _heading(figure: Figure, result: AreaResult, stage: Stage, units: Units) -> None:
     name = drawable(result.name, 60)
     head_line(figure, 0.32, f"{name}: what it holds", size=17, weight="bold", color=INK)
-    head_line(figure, 0.68, f"Capacity: {capacity_words(stage, units)}")
+    head_line(figure, 0.66, f"Capacity: {capacity_words(stage, units)}")
+    words = "band: 95 % interval   \u00b7   dotted: where water leaves a basin"
+    if any(level.spills for level in stage.levels):
+        words += "   \u00b7   dashed: the outline would have to be a wall"
+    head_line(figure, 0.94, words, size=10)
 
 
 def _draw_curves(volume: Any, area: Any, stage: Stage, units: Units) -> None:
@@ -75,7 +79,6 @@ def _draw_curves(volume: Any, area: Any, stage: Stage, units: Units) -> None:
         ticks(axes.yaxis, 8)
         axes.grid()
         _draw_pour_levels(axes, stage, units, named=axes is volume)
-    _explain(area, bool(spills.any()))
 
 
 def _band(stage: Stage, units: Units) -> Tuple[Any, Any]:
@@ -105,11 +108,3 @@ def _draw_pour_levels(axes: Any, stage: Stage, units: Units, *, named: bool) -> 
             words = f"spills at {units.length_text(point.level_m)}"
             looks = {"ha": "right", "va": "bottom", "size": 10, "path_effects": HALO}
             axes.text(0.985, level, words, transform=axes.get_yaxis_transform(), **looks)
-
-
-def _explain(axes: Any, spills: bool) -> None:
-    words = "band: 95 % interval"
-    if spills:
-        words += "   \u00b7   dashed: the outline would have to be a wall"
-    looks = {"ha": "right", "size": 10, "color": MUTED, "textcoords": "offset points"}
-    axes.annotate(words, (1.0, 1.0), xytext=(0, 5), xycoords="axes fraction", **looks)

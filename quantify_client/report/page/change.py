@@ -61,14 +61,18 @@ def series_card(measurement: Measurement, units: Units, picture: Picture) -> str
 
 
 def _rows(epochs: Epochs, units: Units) -> List[List[object]]:
-    """Return a row for each area between two surveys; what could not be measured says why."""
-    pair = surveys_words(epochs)
+    """Return a row for each area between two surveys; what could not be measured says why.
+
+    The surveys are named in the first of them.
+    """
     rows: List[List[object]] = [
-        [pair, result.name, *volumes(result, units)] for result in epochs.results
+        ["", result.name, *volumes(result, units)] for result in epochs.results
     ]
     for failed in epochs.failures:
         name = f"{failed.name}: not measured: {in_units(failed.error, units)}"
-        rows.append([pair, tag("span", name, class_="error"), *[NOTHING] * 4])
+        rows.append(["", tag("span", name, class_="error"), *[NOTHING] * 4])
+    for row in rows[:1]:
+        row[0] = surveys_words(epochs)
     return rows
 
 

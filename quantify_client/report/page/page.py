@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
 
 from ...types import AreaFailure, AreaResult, Measurement, Scaled, plain
-from ..wording.alignment import earlier_survey, others_than_moved
+from ..wording.alignment import earlier_survey, others_than_moved, spread_words
 from ..wording.notices import in_units, kind_of, lines_of_kinds, warnings_of_results
 from ..wording.scaling import factor_words
 from ..wording.terms import terms_of
@@ -63,8 +63,6 @@ def render_html(measurement: Measurement, units: Units, pictures: Pictures) -> I
     yield _header(terms.report, measurement.source, _chips(measurement, units), warnings)
     if scale is not None:
         yield scale_section(scale, units, pictures.scale)
-    if measurement.alignment is not None:
-        yield alignment_card(measurement.alignment, units, pictures.alignment)
     of_areas = warnings_of_results(measurement, units)
     own = _own(of_areas)
     if len(measurement.results) > 1:
@@ -88,6 +86,8 @@ def render_html(measurement: Measurement, units: Units, pictures: Pictures) -> I
         drawn = figure(pictures.areas.get(index), words)
         stage = stage_section(result, units, pictures.stages.get(index))
         yield _card(index, result, above, drawn, view, stage, below)
+    if measurement.alignment is not None:
+        yield alignment_card(measurement.alignment, units, pictures.alignment)
     yield _provenance(measurement.provenance, measurement.crs)
     if views:
         from .view import script
@@ -154,6 +154,9 @@ def _chips(measurement: Measurement, units: Units) -> List[Tuple[str, str]]:
         ("Method", measurement.method),
         ("Grid scale factor", "not applied" if factor is None else f"{factor:.6f}"),
     ]
+    if measurement.alignment is not None:
+        left = spread_words(measurement.alignment.stable_rms_m, units)
+        chips.append(("Surveys differ by", f"{left} on stable ground"))
     if measurement.scale is not None:
         chips.append(("Scaled by", factor_words(measurement.scale)))
     return chips

@@ -43,7 +43,7 @@ def _levels(stage: Stage, units: Units) -> Markup:
     rows = [
         [
             units.length_number(level.level_m),
-            number(level.water_area_m2 * units.area_per_m2, digits=5),
+            number(level.water_area_m2 * units.area_per_m2),
             units.volume_number(level.volume_m3, level.std_m3),
             units.half_width(level.std_m3),
             "spills" if level.spills else "",
@@ -77,7 +77,7 @@ def _pour_points(stage: Stage, units: Units) -> Markup:
             units.length_number(point.level_m),
             *place_words(point),
             held_words(point.volume_m3, units),
-            number(point.water_area_m2 * units.area_per_m2, digits=5),
+            number(point.water_area_m2 * units.area_per_m2),
             units.length_number(point.lowest_m),
         ]
         for point in stage.pour_points
