@@ -235,13 +235,22 @@ class Options:
     )
     base: Optional[Union[str, float]] = _option(
         None,
-        f"the surface that volumes are measured from (default {DEFAULT_BASE}); volume also takes a "
-        "FILE, another survey",
+        f"the surface that volumes are measured from (default {DEFAULT_BASE}); vertices: between "
+        "the elevations of the outline's corners; volume also takes a FILE: another survey, or a "
+        "design surface (LandXML, DXF)",
         TERRAIN,
-        choices=(*BASES, "compare"),
+        choices=(*BASES, "compare", "vertices"),
         metavar="ELEVATION",
         goes_with="terrain",
         **_ELEVATION,
+    )
+    base_points: Optional[Any] = _option(
+        None,
+        "points of the floor (any cloud or text file of x, y, z): volumes are measured from the "
+        "triangles between them",
+        TERRAIN,
+        goes_with="terrain",
+        **_FILE,
     )
     toe: Optional[Union[str, float]] = _option(
         None,
@@ -420,6 +429,12 @@ def _consistent(options: Options) -> Options:
         )
     if "slices" in given and "slice_height" in given:
         raise UsageError("--slices and --slice-height exclude each other: give one of them")
+    if options.base is not None and options.base_points is not None:
+        raise UsageError("--base and --base-points exclude each other: give one of them")
+    if options.base == "vertices" and (options.area is None or proposes(options.area)):
+        raise UsageError("--base vertices goes with outlines that have elevations: give --area")
+    if options.base == "vertices" and options.toe is not None:
+        raise UsageError("--toe moves outlines, and --base vertices holds them: leave one out")
     if options.method == "section" and options.center_caps:
         raise UsageError("--center-caps goes with --method polar: leave one of them out")
     if options.method == "polar" and _for(given, "section"):

@@ -47,7 +47,7 @@ from .sfm.odm.layout import (
 from .sfm.servers.access import Access
 from .types import Chunk, CloudInfo, CrsPart, Faces, Notice, Options, Window
 
-__all__ = ["Source", "is_address", "open_source"]
+__all__ = ["Source", "file_of", "is_address", "open_source"]
 
 Aliases = Sequence[Tuple[str, str]]
 """Names of temporary folders, and what users know them by."""
@@ -173,14 +173,15 @@ def _local(given: str, cameras: bool, stack: ExitStack) -> LocatedCloud:
             raise CloudError(f"{path}: is not a file; check the path")
     if is_folder:
         found = find_cloud(path)
-        return replace(found, inputs=[_input(str(file), file) for file in found.paths])
-    entry = _input(given, path)
+        return replace(found, inputs=[file_of(str(file), file) for file in found.paths])
+    entry = file_of(given, path)
     if path.suffix.lower() == ".zip":
         return replace(stack.enter_context(unpacked(path, cameras=cameras)), inputs=[entry])
     return LocatedCloud((path,), belongs_to_odm(path), read_sidecar(path), inputs=[entry])
 
 
-def _input(given: str, path: Path) -> Mapping[str, Any]:
+def file_of(given: str, path: Path) -> Mapping[str, Any]:
+    """Return what a result tells of a file that was read."""
     with naming(path, "check the path"):
         status = path.stat()
     changed: Optional[str] = None

@@ -36,7 +36,7 @@ def pytest_collection_modifyitems(items):
 DOCUMENT = {
     *("schema", "source", "crs", "length_unit", "shape", "method", "grid_scale_factor", "scale"),
     *("results", "warnings", "provenance", "method_revision", "proposals"),
-    *("kind", "alignment"),
+    *("kind", "alignment", "series"),
 }
 RESULT = {
     *("name", "volume_m3", "cut_m3", "fill_m3", "std_m3", "interval95_m3", "cut_std_m3"),

@@ -214,13 +214,15 @@ def _polygon(rings: Any) -> Any:
     found = [_ring(ring) for ring in _list(rings)]
     if not found:
         raise _UnusableError("is empty; draw its polygon")
+    if not any(np.isfinite(ring[:, 2]).any() for ring in found):
+        found = [ring[:, :2] for ring in found]
     return shapely.Polygon(found[0], found[1:])
 
 
 def _ring(positions: Any) -> FloatArray:
-    """(N, 2) float64, closed, N >= 4."""
+    """(N, 3) float64, closed, N >= 4; z is NaN where there is none."""
     ring = [_position(position) for position in _list(positions)]
-    if ring and ring[0] != ring[-1]:
+    if ring and ring[0][:2] != ring[-1][:2]:
         ring.append(ring[0])
     if len(ring) < 4:
         raise _UnusableError(
@@ -229,8 +231,8 @@ def _ring(positions: Any) -> FloatArray:
     return np.array(ring, dtype=np.float64)
 
 
-def _position(position: Any) -> Tuple[float, float]:
-    """Take x and y; z and what follows it are dropped."""
+def _position(position: Any) -> Tuple[float, float, float]:
+    """Take x, y and an elevation, if there is one; what follows is dropped."""
     if not isinstance(position, (list, tuple)) or len(position) < 2:
         raise _UnusableError("has a corner that is not [x, y]; export it again")
     # float first: the general test is slow, and there may be a million of them
@@ -245,7 +247,9 @@ def _position(position: Any) -> Tuple[float, float]:
         raise _UnusableError(
             "has a coordinate that is infinite, not a number or absurdly large; redraw it"
         )
-    return x, y
+    z = position[2] if len(position) > 2 else math.nan
+    known = isinstance(z, (int, float)) and abs(z) <= MAX_COORDINATE
+    return x, y, float(z) if known else math.nan
 
 
 def _list(value: Any) -> Sequence[Any]:

@@ -113,9 +113,9 @@ class _Placemarks(Elements):
 
 
 def _positions(text: str) -> Iterator[List[Any]]:
-    """Yield [x, y]; what is not a number stays a text, which is refused later."""
+    """Yield [x, y] or [x, y, z]; what is not a number stays a text, which is refused later."""
     for entry in _POSITION.finditer(text):
-        yield [_number(value.strip()) for value in entry.group()[:_LONGEST].split(",")[:2]]
+        yield [_number(value.strip()) for value in entry.group()[:_LONGEST].split(",")[:3]]
 
 
 def _number(text: str) -> Any:

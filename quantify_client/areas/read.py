@@ -27,7 +27,7 @@ from ..crs import (
     transfer_accuracy_m,
 )
 from ..errors import AreaError, CrsError
-from ..types import MAX_COORDINATE, AreaFailure, Bounds, Notice
+from ..types import MAX_COORDINATE, AreaFailure, Bounds, FloatArray, Notice
 from .geojson import DrawnPolygon, geojson_polygons, read_geojson
 from .kml import read_kml
 from .vector import VECTOR_SUFFIXES, read_vector
@@ -58,11 +58,14 @@ class Area:
     name : unique among the areas of one call.
     polygon : shapely Polygon or MultiPolygon in the measuring frame, metres, 2-D, valid.
     properties : what else its file says of it, by name.
+    corners : (K, 3) float64, the corners that its file gives an elevation, metres in the frame;
+        None where it gives none.
     """
 
     name: str
     polygon: Any
     properties: Mapping[str, Any] = field(default_factory=dict)
+    corners: Optional[FloatArray] = None
 
 
 @dataclass(frozen=True)
@@ -149,7 +152,10 @@ def _given(geometry: Any, box: Any) -> Union[Area, AreaFailure]:
         raise AreaError(f"the area is {state} {geometry.geom_type}: expected a polygon")
     polygon, problem = _validated(shapely.force_2d(geometry))
     problem = problem or _outside(polygon, box)
-    return AreaFailure("area-1", problem) if problem else Area("area-1", polygon)
+    if problem:
+        return AreaFailure("area-1", problem)
+    corners = shapely.get_coordinates(geometry, include_z=True)
+    return Area("area-1", polygon, corners=corners if geometry.has_z else None)
 
 
 def _area(
@@ -168,7 +174,22 @@ def _area(
         problem = f"cannot be placed: {error}"
     if problem:
         return AreaFailure(name, problem + _swap_hint(drawn, crs, frame, box))
-    return Area(name, polygon, one.properties)
+    return Area(name, polygon, one.properties, _corners(one.polygon, crs, frame))
+
+
+def _corners(drawn: Any, crs: Optional[str], frame: Frame) -> Optional[FloatArray]:
+    """Return the corners with elevations, (K, 3) in the frame, or None without any.
+
+    Elevations are in the unit of the cloud's; beside longitudes and latitudes in metres, as
+    GeoJSON (RFC 7946) and KML have them.
+    """
+    if not drawn.has_z:
+        return None
+    corners = np.asarray(shapely.get_coordinates(drawn, include_z=True), dtype=np.float64)
+    corners = corners[np.isfinite(corners[:, 2])]
+    unit = frame.z_unit_m if crs is None or not is_geographic(crs) else 1.0
+    places = shapely.get_coordinates(_moved(shapely.multipoints(corners[:, :2]), crs, frame))
+    return np.column_stack([places, corners[:, 2] * unit])
 
 
 def _moved(polygon: Any, crs: Optional[str], frame: Frame) -> Any:

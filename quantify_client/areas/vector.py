@@ -69,7 +69,7 @@ def read_vector(path: Path) -> Tuple[List[DrawnPolygon], List[Notice]]:
         try:
             for layer, geometry_type in pyogrio.list_layers(copy):
                 if geometry_type is not None:
-                    table = read(copy, layer=layer, force_2d=True, max_features=MAX_POLYGONS + 1)
+                    table = read(copy, layer=layer, force_2d=False, max_features=MAX_POLYGONS + 1)
                     polygons += _layer_polygons(path, *table)
         # pyogrio's own errors are among them; NameError is a fault of its at a damaged .prj.
         except (ValueError, RuntimeError, NameError) as error:

@@ -9,7 +9,7 @@ from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from ..errors import UsageError
 from ..options import OPTIONS, proposes
-from ..pipeline.run import change, describe, is_survey, measure
+from ..pipeline.run import change, describe, is_file, measure
 from ..report.document.measurement import to_json
 from ..report.rasters import require_rasterio
 from ..report.wording.words import coordinate_rows, printable
@@ -80,8 +80,8 @@ def demo(given: argparse.Namespace) -> int:
 def inputs_of(given: argparse.Namespace) -> List[Union[str, Path, None]]:
     """Return the files that a measurement reads."""
     area = None if proposes(given.area) else given.area
-    base = given.base if is_survey(given.base) else None
-    files = [area, base, given.gcp, given.crs, *getattr(given, "sources", ())]
+    base = given.base if is_file(given.base) else None
+    files = [area, base, given.base_points, given.gcp, given.crs, *getattr(given, "sources", ())]
     return [*files, given.ca, given.token_file]
 
 

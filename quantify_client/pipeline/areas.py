@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, List, Sequence, Tuple
+from typing import Any, List, Optional, Sequence, Tuple
 
 import numpy as np
 import shapely
 from scipy.spatial import KDTree
 
 from ..areas.read import Area, AreaSet, read_areas
-from ..crs import Frame
+from ..crs import Frame, apply_matrix
 from ..source import Source
 from ..types import FloatArray, IntArray, Options, Window
 from .common import bounds_in_frame, window_of
@@ -50,10 +50,20 @@ def drawn_areas(source: Source, frame: Frame, options: Options, report: Progress
         polygons = _lifted(polygons, source, frame.delivered, options, report)
     moved = iter([_moved(polygon, frame) for polygon in polygons])
     areas = [
-        replace(area, polygon=next(moved)) if isinstance(area, Area) else area
+        replace(area, polygon=next(moved), corners=_corners(area, frame))
+        if isinstance(area, Area)
+        else area
         for area in drawn.areas
     ]
     return AreaSet(tuple(areas), drawn.warnings)
+
+
+def _corners(area: Area, frame: Frame) -> Optional[FloatArray]:
+    return (
+        None
+        if area.corners is None
+        else np.column_stack(apply_matrix(frame.matrix, *area.corners.T))
+    )
 
 
 def _moved(polygon: Any, frame: Frame) -> Any:

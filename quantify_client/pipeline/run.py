@@ -4,23 +4,28 @@ from __future__ import annotations
 
 import math
 import time
+from contextlib import ExitStack
 from dataclasses import asdict, replace
 from datetime import datetime, timezone
 from functools import partial
 from pathlib import Path
-from typing import Any, List, Mapping, Optional, Tuple, Union
+from typing import TYPE_CHECKING, Any, List, Mapping, Optional, Sequence, Tuple, Union
 
 from ..crs import Frame, measuring_frame
+from ..errors import UsageError
 from ..options import OPTIONS, Options, choose_shape, proposes, read_options
 from ..sfm.servers.access import Access
-from ..source import Source, is_address, open_source
+from ..source import Source, file_of, is_address, open_source
 from ..types import SCHEMA, Floor, Measurement
 from .accounting import every_point, left_out, losses
 from .checking import with_check_warnings
 from .common import cloud_warnings, coordinates_of, provenance
 from .streaming import Progress
 
-__all__ = ["change", "describe", "measure"]
+if TYPE_CHECKING:
+    from .given_base import BaseIn
+
+__all__ = ["change", "describe", "is_file", "measure"]
 
 #: A cloud with so many points is described by its headers and a few of its points.
 _MOST_READ = 1_000_000
@@ -36,6 +41,7 @@ def measure(
     least_height: Optional[float] = None,
     least_area: Optional[float] = None,
     base: Optional[Union[str, float]] = None,
+    base_points: Optional[Any] = None,
     toe: Optional[Union[str, float]] = None,
     layer: str = "upper",
     center_caps: bool = False,
@@ -71,8 +77,10 @@ def measure(
         the command line (``quantify-client volume --help``) and in :class:`Options`; lengths and
         elevations in metres.
     density, density_sigma : t/m3; or both in one text, ``"1.6:0.1"``.
-    base : a name, an elevation, or another survey of the place, given as a source is: it is brought
-        onto this one by ground outside of the areas, or (align=False) left where it is.
+    base : a name, an elevation, a design surface (LandXML or DXF), or another survey of the place,
+        given as a source is: it is brought onto this one by ground outside of the areas, or
+        (align=False) left where it is.
+    base_points : points of the floor, a file that a cloud may be in.
     progress : called with the stage and the share done, from 0 to 1.
     access : who asks a WebODM server; by default what QUANTIFY_WEBODM_USER and
         QUANTIFY_WEBODM_PASSWORD say.
@@ -88,22 +96,29 @@ def measure(
         One line that says what was found, what was expected and what to do.
     """
     given = locals()
-    second = given["base"] if is_survey(base) else None
-    options = read_options({**given, "base": None} if second is not None else given)
+    file = given["base"] if is_file(base) else None
+    options = read_options({**given, "base": None} if file is not None else given)
     started, clock = datetime.now(timezone.utc), time.perf_counter()
     report = progress or (lambda stage, share: None)
-    if second is not None:
-        measured = _compared(list(sources), [second], options, access, report, False, align)
+    if file is not None and not _is_design(file):
+        measured = _compared(list(sources), [file], options, access, report, False, align)
         return _finished(measured, options, started, clock)
-    with open_source(
-        list(sources),
-        cameras=options.gcp is not None,
-        access=access,
-        windowed=options.area is not None and not proposes(options.area),
-        progress=report,
-        options=options,
-    ) as source:
-        measurement = every_point(source, partial(_measured, options=options, report=report))
+    with ExitStack() as stack:
+        inputs, base_in = _given_base(file, options, access, stack)
+        source = stack.enter_context(
+            open_source(
+                list(sources),
+                cameras=options.gcp is not None,
+                access=access,
+                windowed=options.area is not None and not proposes(options.area),
+                progress=report,
+                options=options,
+            )
+        )
+        measurement = every_point(
+            source, partial(_measured, options=options, report=report, base_in=base_in)
+        )
+        source = replace(source, inputs=[*source.inputs, *inputs])
     return _finished((measurement, source), options, started, clock)
 
 
@@ -158,10 +173,35 @@ def change(
     return _finished(measured, options, started, clock)
 
 
-def is_survey(base: Any) -> bool:
-    """Return whether a base is no name and no elevation, but what another survey is in.
+def _given_base(
+    design: Optional[Union[str, Path]],
+    options: Options,
+    access: Optional[Access],
+    stack: ExitStack,
+) -> Tuple[Sequence[Mapping[str, Any]], Optional[BaseIn]]:
+    """Return the files of a base that is given, and what brings it into the frame of a source."""
+    if design is None and options.base_points is None:
+        return [], None
+    from .given_base import design_base, floor_base
 
-    >>> is_survey("plane"), is_survey("12.5"), is_survey(None), is_survey("before.laz")
+    if design is not None:
+        if options.shape == "object" or options.gcp is not None:
+            raise UsageError("--base FILE goes with terrain, and without --gcp")
+        return [file_of(str(design), Path(design))], design_base(Path(design))
+    floor = stack.enter_context(open_source([str(options.base_points)], access=access))
+    return floor.inputs, floor_base(floor)
+
+
+def _is_design(file: Union[str, Path]) -> bool:
+    from .given_base import is_design
+
+    return is_design(Path(file))
+
+
+def is_file(base: Any) -> bool:
+    """Return whether a base is no name and no elevation, but a survey or a surface.
+
+    >>> is_file("plane"), is_file("12.5"), is_file(None), is_file("before.laz")
     (False, False, False, True)
     """
     if isinstance(base, Path):
@@ -215,25 +255,35 @@ def _finished(
 # bodies need takes as long as measuring a small cloud (benchmarks/startup.py).
 
 
-def _measured(source: Source, options: Options, report: Progress) -> Measurement:
+def _measured(
+    source: Source, options: Options, report: Progress, base_in: Optional[BaseIn] = None
+) -> Measurement:
     info = source.cloud.info
     frame = measuring_frame(info.crs, options.source_unit, info.bounds)
     if options.gcp is None:
-        return _measured_in(frame, source, options, report)
+        return _measured_in(frame, source, options, report, base_in)
     from .control.place import place_cloud
     from .control.scale_error import with_scale
 
     placement = place_cloud(source, frame, options)
-    again = partial(_measured_in, source=source, options=options, report=report)
+    again = partial(_measured_in, source=source, options=options, report=report, base_in=base_in)
     return with_scale(again(placement.frame), placement, options, again)
 
 
-def _measured_in(frame: Frame, source: Source, options: Options, report: Progress) -> Measurement:
+def _measured_in(
+    frame: Frame,
+    source: Source,
+    options: Options,
+    report: Progress,
+    base_in: Optional[BaseIn] = None,
+) -> Measurement:
+    if base_in is not None:
+        options = replace(options, shape="terrain")
     shape = choose_shape(options, has_crs=frame.crs is not None, is_odm=source.is_odm)
     if shape == "terrain":
         from .terrain import measure_areas
 
-        return measure_areas(source, frame, options, report)
+        return measure_areas(source, frame, options, report, base_in)
     from .body import measure_whole_body
 
     return measure_whole_body(source, frame, options, report)

@@ -14,6 +14,7 @@ from typing import (
     List,
     Mapping,
     NamedTuple,
+    Optional,
     Sequence,
     Tuple,
     Union,
@@ -23,7 +24,7 @@ import shapely
 
 from ..areas.read import Area, far_corner_problem
 from ..crs import Frame
-from ..errors import QuantifyError, UsageError
+from ..errors import QuantifyError, SupportError, UsageError
 from ..options import DEFAULT_BASE, proposes
 from ..source import Source
 from ..types import AreaFailure, AreaResult, Bounds, Measurement, Notice, Options, Proposal, Window
@@ -31,6 +32,7 @@ from ..volcalc.terrain.accumulate import AreaPoints, TerrainAccumulator
 from ..volcalc.terrain.grid_offsets import measure_area
 from ..volcalc.terrain.measure import TerrainRecipe
 from ..volcalc.terrain.outline import CloudOutline, cloud_outline, core_window, height_quantiles
+from ..volcalc.terrain.toe import polygonal
 from .areas import cloud_window, drawn_areas
 from .common import (
     Result,
@@ -40,6 +42,7 @@ from .common import (
     measurement_of,
     placed_level,
 )
+from .given_base import BaseIn, Given, between_corners
 from .stockpiles import Drawn, Separated, proposed_areas, separated, with_outline
 from .streaming import Progress, accumulate, thread_count
 from .whole_cloud import nearest_to_zero, read_whole
@@ -95,6 +98,7 @@ class _AreaSite:
     outline_std : of its volume, for an outline that nobody drew, m3.
     points : what the pass kept.
     left_out : counts of points that the reader left out, by reason.
+    area : as it was drawn, if it was.
     """
 
     name: str
@@ -102,6 +106,7 @@ class _AreaSite:
     points: AreaPoints
     left_out: Mapping[str, int]
     outline_std: float = 0.0
+    area: Optional[Area] = None
 
     @cached_property
     def extent(self) -> _Extent:
@@ -110,14 +115,28 @@ class _AreaSite:
         return _Extent(place, *height_quantiles(self.points.cubes, (0.01, 0.5, 0.99)))
 
 
-def measure_areas(source: Source, frame: Frame, options: Options, report: Progress) -> Measurement:
-    """Measure each area that is drawn or proposed, or the whole cloud."""
+def measure_areas(
+    source: Source,
+    frame: Frame,
+    options: Options,
+    report: Progress,
+    base_in: Optional[BaseIn] = None,
+) -> Measurement:
+    """Measure each area that is drawn or proposed, or the whole cloud.
+
+    Parameters
+    ----------
+    base_in : gives the base, where that is a surface from a file.
+    """
+    given = None if base_in is None else base_in(source, frame)
     box = bounds_in_frame(source, frame)
     batches: Iterable[Dict[int, _AreaSite]]
     if options.toe is not None and (options.area is None or proposes(options.area)):
         raise UsageError("--toe moves outlines that were drawn; give them by --area")
     if options.area is None:
         site, warnings = _whole(source, frame, box, options, report)
+        if given is not None:
+            site = _over(given, site)
         areas: Sequence[Union[Area, AreaFailure]] = [Area(site.name, site.polygon)]
         batches = [{0: site}]
         proposals: Sequence[Proposal] = ()
@@ -135,13 +154,16 @@ def measure_areas(source: Source, frame: Frame, options: Options, report: Progre
     if options.accuracy is not None:
         warnings.append(_ACCURACY_IGNORED)
     base = placed_level(frame, options, options.base, cloud_window(source, frame))
+    warnings += [] if given is None else given.warnings
     recipe = TerrainRecipe(
         base=DEFAULT_BASE if base is None else base,
         slices=options.slices,
         slice_height=options.slice_height,
         layer=options.layer,
     )
-    measure = partial(_measure_site, source=source, frame=frame, options=options, recipe=recipe)
+    measure = partial(
+        _measure_site, source=source, frame=frame, options=options, recipe=recipe, given=given
+    )
     found: Dict[int, Result] = {i: a for i, a in enumerate(areas) if isinstance(a, AreaFailure)}
     extents: List[_Extent] = []
     for batch in batches:
@@ -180,7 +202,7 @@ def _sites(
         if not others.is_empty:
             points = points.without(points.to_local(others))
         std = parts.outline_std.get(area.name, 0.0)
-        return _AreaSite(area.name, points.to_local(area.polygon), points, left_out, std)
+        return _AreaSite(area.name, points.to_local(area.polygon), points, left_out, std, area)
 
     if parts.whole is not None:
         near = {n: parts.points_near(area.polygon) for n, area in waiting.items()}
@@ -209,6 +231,17 @@ def _whole(
     outline = cloud_outline(whole.points)
     area = _AreaSite(source.stem, outline.polygon, whole.points, whole.left_out)
     return area, [*_far_away(whole.lost), *_outsiders(outline)]
+
+
+def _over(given: Given, site: _AreaSite) -> _AreaSite:
+    """Return the whole cloud as far as it lies over a base that was given."""
+    footprint = site.points.to_local(given.base.footprint())
+    common = polygonal(shapely.make_valid(site.polygon.intersection(footprint)))
+    if common.is_empty:
+        raise SupportError(
+            f"{given.base.name} lies under no part of the cloud; expected a base of the same place"
+        )
+    return replace(site, polygon=common)
 
 
 def _far_away(lost: int) -> Iterator[Notice]:
@@ -291,7 +324,12 @@ def _measured(
 
 
 def _measure_site(
-    site: _AreaSite, source: Source, frame: Frame, options: Options, recipe: TerrainRecipe
+    site: _AreaSite,
+    source: Source,
+    frame: Frame,
+    options: Options,
+    recipe: TerrainRecipe,
+    given: Optional[Given] = None,
 ) -> Result:
     """Return the result of an area; one that fails does not stop the others."""
     try:
@@ -302,6 +340,11 @@ def _measure_site(
         place, middle = site.extent.place, site.extent.middle
         factor = ground_factor(source, frame, place, middle, options) or 1.0
         own = replace(recipe, ground_factor=factor, toe=_reach(site.polygon, options) or None)
+        if given is not None:
+            around = place.grown(max(place.max_x - place.min_x, place.max_y - place.min_y))
+            own = replace(own, base=given.around(around, site.points.origin))
+        elif options.base == "vertices" and site.area is not None:
+            own = replace(own, base=between_corners(site.area, site.polygon, site.points.origin))
         result = measure_area(site.name, site.polygon, site.points, own)
         result = with_outline(result, site.outline_std)
         left_out = {**site.left_out, _TOO_FAR: site.points.cubes.too_far}

@@ -21,6 +21,7 @@ from shapely.geometry import Polygon
 from ...errors import SupportError
 from ...options import BASES
 from ...types import FloatArray, IntArray
+from .given_base import GivenBase
 from .grid import CellWindow
 from .ground import Ground
 from .membrane import stretch
@@ -36,14 +37,21 @@ class Base:
 
     Attributes
     ----------
-    name : one of `BASES`, or the elevation.
+    name : one of `BASES`, the elevation, or what a surface that was given is called.
     z : (ny, nx) float64, metres; NaN outside the area.
-    rim : that the base is drawn through; None for an elevation and for `kriged`.
+    rim : that the base is drawn through; None for an elevation, `kriged` and a given surface.
+    given : the surface that was given, if one was.
     """
 
     name: Union[str, float]
     z: FloatArray
     rim: Rim | None
+    given: GivenBase | None = None
+
+    @property
+    def is_ground(self) -> bool:
+        """Whether it stands for the ground under the area."""
+        return isinstance(self.name, str) if self.given is None else self.given.is_ground
 
 
 @dataclass(frozen=True)
@@ -76,7 +84,7 @@ class BaseSite:
 
 
 def make_base(
-    name: Union[str, float],
+    name: Union[str, float, GivenBase],
     rim: Rim | None,
     parts: Sequence[Polygon],
     window: CellWindow,
@@ -87,7 +95,7 @@ def make_base(
 
     Parameters
     ----------
-    name : one of `BASES`, or an elevation in metres.
+    name : one of `BASES`, an elevation in metres, or a surface that is given.
     rim : of the outer rings; only `kriged` and an elevation do without.
     parts : the polygons.
     inside : (ny, nx) bool, the cells to cover.
@@ -96,8 +104,10 @@ def make_base(
     Raises
     ------
     SupportError
-        There is no rim for a base that is drawn through it.
+        There is no rim for a base that is drawn through it, or a given surface ends in the area.
     """
+    if isinstance(name, GivenBase):
+        return Base(name.name, np.where(inside, name.over(window, inside), np.nan), None, name)
     z = np.full(window.shape, np.nan)
     if not isinstance(name, str):
         z[inside] = name

@@ -98,11 +98,19 @@ def _survey_and_base(weights: FloatArray, volume: CutFill) -> tuple[FloatArray, 
     noise = volume.surface.noise
     direct = onto_measured(weights, volume.surface)
     hidden = _hidden_outliers(direct, volume.surface)
-    if not isinstance(volume.base.name, str):
+    if not volume.base.is_ground:
         survey = functional_std(direct, noise)
-        return np.hypot(survey, hidden), np.zeros_like(survey)
+        return np.hypot(survey, hidden), _given_error(weights, volume)
     survey = functional_std(direct, replace(noise, correlated=0.0))
     return np.hypot(survey, hidden), _ground_error(weights, volume, survey)
+
+
+def _given_error(weights: FloatArray, volume: CutFill) -> FloatArray:
+    """Return the error of a given base in sums of weights, (K,) m3: by that of its points."""
+    inside, given = volume.surface.inside, volume.base.given
+    if given is None:
+        return np.zeros(len(weights))
+    return given.errors(*volume.surface.heights.window.middles(inside), weights[:, inside])
 
 
 def _hidden_outliers(weights: FloatArray, surface: AreaSurface) -> FloatArray:

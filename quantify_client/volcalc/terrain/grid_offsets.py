@@ -178,7 +178,9 @@ def _with_offsets(
         shape, moved = affinity.translate(polygon, x, y), points.shifted(east, north)
         ground = first[0].ground and first[0].ground.shifted(x, y)
         try:
-            there = measure_sides(shape, moved, recipe, replace(first[0], ground=ground))
+            there = measure_sides(
+                shape, moved, recipe.shifted(x, y), replace(first[0], ground=ground)
+            )
         except SupportError:
             continue  # at the very limit of what is measured at all
         offsets.append(there)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Iterator, NamedTuple, Optional, Sequence, Union
 
@@ -20,6 +20,7 @@ from .base import BASES, KRIGED, Base, make_base
 from .budget import error_budget, standard_deviations
 from .difference import find_difference
 from .flanks import NOT_ON_PILE, Flanks, find_flanks
+from .given_base import GivenBase
 from .ground import Ground, find_ground
 from .integrate import above_mask, integrate_slices, slab_edges
 from .layers import NO_LAYERS, Layers
@@ -32,6 +33,8 @@ from .toe import on_flanks
 from .warnings import Findings
 
 __all__ = ["Measured", "Sides", "TerrainRecipe", "measure_sides", "measure_terrain"]
+
+BaseOf = Union[str, float, GivenBase]
 
 #: Where fewer cells than this share of those of an area are known around it, what did not change in
 #: it tells how surveys differ.
@@ -47,19 +50,31 @@ class TerrainRecipe:
 
     Attributes
     ----------
-    base : a name of `BASES`, ``"compare"``, or an elevation in metres.
+    base : a name of `BASES`, ``"compare"``, an elevation in metres, or a surface that is given, in
+        the coordinates of the area.
     slices, slice_height : see `slab_edges`.
     ground_factor : grid length / ground length at the site.
     toe : how far outlines are moved to the toe at most, metres; None: not at all.
     layer : which of two surfaces over each other is measured, see `find_surface`.
     """
 
-    base: Union[str, float] = DEFAULT_BASE
+    base: BaseOf = DEFAULT_BASE
     slices: Union[str, int] = "auto"
     slice_height: Optional[float] = None
     ground_factor: float = 1.0
     toe: Optional[float] = None
     layer: str = DEFAULT_LAYER
+
+    @property
+    def on_ground(self) -> bool:
+        """Whether the base stands for the ground under the area."""
+        base = self.base
+        return base.is_ground if isinstance(base, GivenBase) else isinstance(base, str)
+
+    def shifted(self, x: float, y: float) -> TerrainRecipe:
+        """Return it for the area moved in plan."""
+        base = self.base
+        return replace(self, base=base.shifted(x, y)) if isinstance(base, GivenBase) else self
 
 
 @dataclass(frozen=True)
@@ -122,7 +137,7 @@ def measure_terrain(
     ground, flanks = None, None
     if surface.second is not None:
         ground = _of_changes(surface, points)
-    elif isinstance(recipe.base, str):
+    elif recipe.on_ground:
         ground, flanks = _ground(surface, points)
     measure = partial(_on_base, name, surface, ground, flanks, points, recipe, layers)
     return tuple(map(measure, _bases(recipe)))
@@ -186,12 +201,12 @@ def _surface(
     return find_surface(polygon, points.cubes, recipe.ground_factor, recipe.layer, walled=walled)
 
 
-def _bases(recipe: TerrainRecipe) -> Sequence[Union[str, float]]:
+def _bases(recipe: TerrainRecipe) -> Sequence[BaseOf]:
     return BASES if recipe.base == "compare" else [recipe.base]
 
 
 def _cut_and_fill(
-    base_name: Union[str, float],
+    base_name: BaseOf,
     surface: AreaSurface,
     ground: Ground | None,
     noise: Union[float, FloatArray],
@@ -247,7 +262,7 @@ def _on_base(
     points: AreaPoints,
     recipe: TerrainRecipe,
     layers: Layers,
-    base_name: Union[str, float],
+    base_name: BaseOf,
 ) -> Measured:
     """Return the result of one area on one base."""
     volume, crossings = _cut_and_fill(base_name, surface, ground, surface.noise.cell)
@@ -265,6 +280,7 @@ def _on_base(
         at_wall=max(at_wall, on_pile.at_edge),
         layers=layers,
         layer=recipe.layer,
+        off_given=_off_given(volume),
     )
     budget = [*error_budget(volume), *_of_layers(layers, recipe)]
     result = _result(name, volume, points, recipe, budget)
@@ -277,6 +293,14 @@ def _on_base(
         flanks,
         surface.walls.steep is not None,
     )
+
+
+def _off_given(volume: CutFill) -> tuple[float, float, float]:
+    """Return how far the ground around lies above a given base that is an end in itself."""
+    surface, given = volume.surface, volume.base.given
+    if given is None or given.is_ground:
+        return 0.0, 0.0, 0.0
+    return given.below_ground(surface.heights.z, ~surface.inside, surface.heights.window)
 
 
 def _bridged(surface: AreaSurface, rim: Rim, ground: Ground | None) -> tuple[Rim, list[Crossing]]:
@@ -418,7 +442,7 @@ def _sigma(volume: CutFill) -> FloatArray:
     """
     surface, known = volume.surface, np.isfinite(volume.r)
     square = np.broadcast_to(surface.noise.cell, known.shape) ** 2
-    if volume.ground is not None and isinstance(volume.base.name, str):
+    if volume.ground is not None and volume.base.is_ground:
         square = square.copy()
         places = surface.heights.window.middles(known)
         square[known] += np.maximum(volume.ground.variance(*places), 0.0)

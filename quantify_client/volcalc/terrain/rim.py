@@ -30,6 +30,7 @@ __all__ = [
     "Rim",
     "along_rings",
     "bridge_crossings",
+    "dense_ring",
     "interpolation_along",
     "normals_of",
     "require_plain_outline",
@@ -141,7 +142,7 @@ def sample_rim(parts: Sequence[Polygon], heights: CellHeights, fraction: FloatAr
     heights : of a window around them.
     fraction : (ny, nx) share of each cell inside the area.
     """
-    rings = [_dense_ring(polygon, heights.window.cell) for polygon in parts]
+    rings = [dense_ring(polygon, heights.window.cell) for polygon in parts]
     ring = np.repeat(np.arange(len(rings)), [len(points) for points in rings])
     x, y = np.concatenate(rings).T.copy()
     some = [slice(start, start + _AT_ONCE) for start in range(0, len(x), _AT_ONCE)]
@@ -200,7 +201,7 @@ def _plain(polygon: Polygon, step: float) -> LinearRing:
     return ring if len(ring.coords) < MOST_POINTS / 2 else ring.simplify(_FINEST * step)
 
 
-def _dense_ring(polygon: Polygon, step: float) -> FloatArray:
+def dense_ring(polygon: Polygon, step: float) -> FloatArray:
     """Return points (M, 2) of the outer ring, at most `step` apart, that are Delaunay neighbours.
 
     A Delaunay triangulation that has every segment as an edge is a constrained one.

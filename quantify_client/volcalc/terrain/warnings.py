@@ -23,6 +23,11 @@ OUTLINE_ON_PILE = frozenset({"outline-on-pile", "outline-crosses-neighbour"})
 _BASE_SHARE = 0.02
 
 
+#: The ground lies off a design as a whole where its median does by so many standard deviations of
+#: the heights themselves: nearly all of it is then on one side.
+_AS_A_WHOLE = 3.0
+
+
 @dataclass(frozen=True)
 class Findings:
     """What was found on the way to a result and is not among its numbers.
@@ -37,6 +42,7 @@ class Findings:
     on_pile : which shares of the outline lie on a pile.
     at_wall : share of the outline beside a wall, and the height of that, metres.
     layers : how much of the area has two surfaces, and the one that was measured.
+    off_given : how far the ground around lies above a design, its scatter, and on what area.
     """
 
     crossings: Tuple[Tuple[float, float], ...] = ()
@@ -47,6 +53,7 @@ class Findings:
     at_wall: Tuple[float, float] = (0.0, 0.0)
     layers: Layers = NO_LAYERS
     layer: str = DEFAULT_LAYER
+    off_given: Tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 def warnings_of(result: AreaResult, findings: Findings, *, compared: bool) -> Iterator[Notice]:
@@ -81,6 +88,7 @@ def warnings_of(result: AreaResult, findings: Findings, *, compared: bool) -> It
             "interpolated along the outline there",
             share=findings.unsupported_rim,
         )
+    yield from _of_given(findings)
     total = (result.cut_m3 or 0.0) + (result.fill_m3 or 0.0)
     base = sum(item.std_m3 for item in result.budget or () if item.source == "base")
     if findings.relief_m > 0 and base >= _BASE_SHARE * total:
@@ -91,6 +99,21 @@ def warnings_of(result: AreaResult, findings: Findings, *, compared: bool) -> It
             "what lies under the area is known to that extent only; see 'base' in the error "
             f"budget, and {other}",
             relief_m=findings.relief_m,
+        )
+
+
+def _of_given(findings: Findings) -> Iterator[Notice]:
+    """Yield that the ground around lies off a design as a whole, and not here and there."""
+    off, scatter, area = findings.off_given
+    if abs(off) > _AS_A_WHOLE * scatter:
+        yield Notice(
+            "base-off-ground",
+            f"around the area the ground lies {abs(off):.3g} m {'above' if off > 0 else 'below'} "
+            f"the base that was given (median over {area:.3g} m2, scatter {scatter:.2g} m): if it "
+            "should lie on it, the heights of the two differ; check their datums and units",
+            off_m=off,
+            scatter_m=scatter,
+            area_m2=area,
         )
 
 

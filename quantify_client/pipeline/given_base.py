@@ -1,0 +1,183 @@
+"""Bases that are given: a design surface or floor points from a file, or corners of an outline."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Callable, List, Sequence, Tuple
+
+import numpy as np
+import shapely
+
+from ..areas.read import Area
+from ..crs import UNITS_M, Frame, frame_onto, measuring_frame
+from ..design.read import DESIGN_SUFFIXES, read_design
+from ..design.surface import Design
+from ..errors import CrsError, DesignError, SupportError
+from ..source import Source
+from ..types import Bounds, FloatArray, Notice, Window
+from ..volcalc.terrain.given_base import GivenBase, stretched_between, through_points
+from .common import bounds_in_frame
+
+__all__ = ["BaseIn", "Given", "between_corners", "design_base", "floor_base", "is_design"]
+
+#: Floor points, at most: their triangles are all held.
+_MOST_POINTS = 1_000_000
+
+#: Characters of a file's name, as a result's base.
+_NAME = 40
+
+#: Pieces that an outline is divided into, about, for the triangles between its corners.
+_PIECES = 1000
+
+
+@dataclass(frozen=True)
+class Given:
+    """A base that was given, in the frame, and what is to be said of it."""
+
+    base: GivenBase
+    warnings: Sequence[str] = ()
+
+    def around(self, place: Window, origin: Tuple[float, float]) -> GivenBase:
+        """Return what of it lies in a window of the frame, from a local origin."""
+        return self.base.near(place).shifted(-origin[0], -origin[1])
+
+
+#: Brings a base that was given into the frame of a source.
+BaseIn = Callable[[Source, Frame], Given]
+
+
+def is_design(path: Path) -> bool:
+    """Return whether a file is a design surface, by its ending."""
+    return path.suffix.lower() in DESIGN_SUFFIXES
+
+
+def design_base(path: Path) -> BaseIn:
+    """Read a design surface, and return what brings it into the frame of a source.
+
+    Raises
+    ------
+    DesignError, MissingExtraError
+        It cannot be read.
+    """
+    design = read_design(path)
+
+    def placed(source: Source, frame: Frame) -> Given:
+        _require_no_control(frame)
+        box = bounds_in_frame(source, frame)
+        points, warnings = _in_frame(design, path.name, frame, box)
+        _require_overlap(points, box, path.name)
+        return Given(GivenBase(path.name[:_NAME], points, design.triangles), warnings)
+
+    return placed
+
+
+def floor_base(floor: Source) -> BaseIn:
+    """Return what brings floor points into the frame of a source; they are read there."""
+    name = Path(floor.label).name or floor.label
+
+    def placed(source: Source, frame: Frame) -> Given:
+        _require_no_control(frame)
+        info = floor.cloud.info
+        if (info.point_count or 0) > _MOST_POINTS:
+            raise DesignError(
+                f"{name} holds {info.point_count:,} points; expected at most {_MOST_POINTS:,} on "
+                "the floor: give a whole survey by --base"
+            )
+        onto = frame
+        if info.crs is not None:
+            onto = frame_onto(measuring_frame(info.crs, None, info.bounds), frame, name)
+        chunks = [onto.to_frame(c.x, c.y, c.z) for c in floor.cloud.chunks()]
+        points = np.column_stack([np.concatenate(axis) for axis in zip(*chunks)])
+        _require_overlap(points, bounds_in_frame(source, frame), name)
+        told = [] if info.crs or frame.crs is None else [_assumed(name)]
+        return Given(through_points(name[:_NAME], points), told)
+
+    return placed
+
+
+def between_corners(
+    area: Area, polygon: shapely.Geometry, origin: Tuple[float, float]
+) -> GivenBase:
+    """Return the base between the elevations of an area's corners.
+
+    Parameters
+    ----------
+    polygon : the area, from the local origin.
+
+    Raises
+    ------
+    SupportError
+        Its corners have no elevations.
+    """
+    corners = np.empty((0, 3)) if area.corners is None else area.corners
+    if not len(corners) or not corners[:, 2].any():
+        found = "have no elevations" if not len(corners) else "all have the elevation 0"
+        raise SupportError(
+            f"the corners of its outline {found}; expected x, y and z of each: export it with its "
+            "elevations, or give another base"
+        )
+    local = corners - np.array([*origin, 0.0])
+    return stretched_between("vertices", polygon, local, float(polygon.length) / _PIECES)
+
+
+def _require_no_control(frame: Frame) -> None:
+    if frame.placement is not None:
+        raise CrsError(
+            "--base FILE and --base-points do not go with --gcp yet: write the cloud true to size "
+            "first (quantify-client scale), and measure that"
+        )
+
+
+def _assumed(name: str) -> Notice:
+    return Notice(
+        "base-crs-assumed", f"{name} names no CRS: taken to be in the cloud's own", file=name
+    )
+
+
+def _in_frame(
+    design: Design, name: str, frame: Frame, box: Bounds
+) -> Tuple[FloatArray, List[Notice]]:
+    """Return a design's points in the frame, metres, and what was assumed."""
+    points, warnings = design.points, list(design.warnings)
+    unit = None if design.unit is None else UNITS_M[design.unit]
+    if design.crs is not None and frame.crs is not None:
+        own = measuring_frame(design.crs, None, _bounds(points))
+        if unit is not None:
+            own = replace(own, z_unit_m=unit)
+        onto = frame_onto(own, frame, name)
+        return np.column_stack(onto.to_frame(*np.ascontiguousarray(points.T))), warnings
+    if frame.crs is not None:
+        warnings.append(_assumed(name))
+    plain = np.array([frame.unit_m, frame.unit_m, frame.z_unit_m])
+    if unit is None or frame.length_unit == "unknown":
+        return points * plain, warnings
+    if not _overlap(points * unit, box) and _overlap(points * plain, box):
+        text = (
+            f"{name}: says that its unit is {design.unit}, and lies on the cloud only in the "
+            "cloud's own unit, which was taken for it"
+        )
+        return points * plain, [*warnings, Notice("base-unit-contradicted", text, file=name)]
+    return points * unit, warnings
+
+
+def _bounds(points: FloatArray) -> Bounds:
+    low, high = points.min(axis=0).tolist(), points.max(axis=0).tolist()
+    return Bounds(low[0], low[1], low[2], high[0], high[1], high[2])
+
+
+def _overlap(points: FloatArray, box: Bounds) -> bool:
+    low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+    return bool(
+        low[0] < box.max_x and high[0] > box.min_x and low[1] < box.max_y and high[1] > box.min_y
+    )
+
+
+def _require_overlap(points: FloatArray, box: Bounds, name: str) -> None:
+    if not _overlap(points, box):
+        (x0, y0), (x1, y1) = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+        raise DesignError(
+            f"{name} lies outside the cloud: it covers x {x0:.2f} to {x1:.2f}, y {y0:.2f} to "
+            f"{y1:.2f}, the cloud x {box.min_x:.2f} to {box.max_x:.2f}, y {box.min_y:.2f} to "
+            f"{box.max_y:.2f} (metres); export it in the cloud's coordinates, or with its CRS"
+        )
