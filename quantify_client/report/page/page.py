@@ -70,6 +70,26 @@ def render_html(measurement: Measurement, units: Units, pictures: Pictures) -> I
         yield _summary(measurement, units, pictures.overview, lines, bodies=views > 0)
     if measurement.series:
         yield series_card(measurement, units, pictures.series)
+    yield from _cards(measurement, units, pictures, own, views)
+    if measurement.alignment is not None:
+        yield alignment_card(measurement.alignment, units, pictures.alignment)
+    yield _provenance(measurement.provenance, measurement.crs)
+    if views:
+        from .view import script
+
+        yield f"<script>{script()}</script>\n"
+    yield END
+
+
+def _cards(
+    measurement: Measurement,
+    units: Units,
+    pictures: Pictures,
+    own: Sequence[Tuple[str, str]],
+    views: int,
+) -> Iterator[str]:
+    """Yield the card of each result; `own` are names of areas and warnings that only they have."""
+    terms = terms_of(measurement)
     for index, result in enumerate(measurement.results):
         if isinstance(result, AreaFailure):
             reason = join("Not measured: ", in_units(result.error, units))
@@ -86,14 +106,6 @@ def render_html(measurement: Measurement, units: Units, pictures: Pictures) -> I
         drawn = figure(pictures.areas.get(index), words)
         stage = stage_section(result, units, pictures.stages.get(index))
         yield _card(index, result, above, drawn, view, stage, below)
-    if measurement.alignment is not None:
-        yield alignment_card(measurement.alignment, units, pictures.alignment)
-    yield _provenance(measurement.provenance, measurement.crs)
-    if views:
-        from .view import script
-
-        yield f"<script>{script()}</script>\n"
-    yield END
 
 
 def render_scale_html(scaled: Scaled, units: Units, picture: bytes) -> Iterator[str]:

@@ -80,7 +80,7 @@ def _row(result: AreaResult, units: Units, terms: Terms) -> Row:
     if result.mass_t is not None:
         mass = units.mass_text(result.mass_t, result.mass_std_t)
         row.append(("Mass", mass + plus_minus(units.mass_half_width(result.mass_std_t))))
-    if result.base is not None:
+    if result.base is not None and terms is VOLUME:  # the first line names the survey before
         row.append((terms.base, base_words(result.base, units)))
     return row
 

@@ -15,7 +15,7 @@ from ..wording.words import printable
 __all__ = ["Row", "print_grid", "print_rows", "say", "terminal_text"]
 
 # Headings of columns that hold words.
-LEFT = ("Surveys", "Area", "Base", "Before", "Observation", "Remark")
+LEFT = ("Surveys", "Area", "Base", "Observation", "Remark")
 LEAST_WORDS = 11  # columns that a name has at least; a longer one is broken
 PLAIN = str.maketrans({THIN_SPACE: " ", MINUS: "-", NOTHING: "-", "\u00a0": " "})
 ASCII = str.maketrans(
