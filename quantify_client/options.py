@@ -64,10 +64,18 @@ CONTROL = "true size by control"
 COORDINATES = "coordinates and units"
 AMOUNTS = "mass and speed"
 
+#: Levels of a stage curve, at most.
+_MOST_LEVELS = 1000
+
 _DENSEST = 22.6  # t/m3: osmium
 
 _FILE = {"kind": "given", "metavar": "FILE", "request": None}
-_ELEVATION = {"kind": "number", "amount": "an elevation", "request": (-20_000, 20_000)}
+_HEIGHTS = (-20_000, 20_000)
+_ELEVATION: Dict[str, Any] = {
+    "kind": "number",
+    "amount": "an elevation",
+    "request": _HEIGHTS,
+}
 _LENGTH = {
     "kind": "number",
     "metavar": "LENGTH",
@@ -85,8 +93,9 @@ class Option:
     ----------
     help : one line; empty for an option that is no argument of the command line by itself.
     group : the heading that it is listed under.
-    kind : ``"flag"``, ``"choice"``, ``"number"`` or ``"whole"`` (number), ``"text"``, or
-        ``"given"`` (a file, or what a Python program has in its place).
+    kind : ``"flag"``, ``"choice"``, ``"number"`` or ``"whole"`` (number), ``"text"``,
+        ``"levels"`` (elevations in one text), or ``"given"`` (a file, or what a Python program has
+        in its place).
     choices : the texts that it may be, a number besides its numbers.
     above, least, most : limits of a number; `above` itself is outside.
     metavar : what stands for a value in help, beside the choices.
@@ -140,6 +149,8 @@ class Option:
             return value
         if self.kind == "flag" and type(value).__name__ in ("bool", "bool_"):  # numpy's
             value = bool(value)
+        if self.kind == "levels":
+            value = _levels(value)
         if self.kind in _NUMBERS:
             number, also = _NUMBERS[self.kind]
             if isinstance(value, (str, also)) and not isinstance(value, (int, float)):
@@ -153,12 +164,33 @@ class Option:
     def _accepts(self, value: Any) -> bool:
         if self.kind == "flag":
             return isinstance(value, bool)
+        if self.kind == "levels":
+            return isinstance(value, str)
         if isinstance(value, str) or self.kind == "text":
             return value in self.choices or (self.kind == "text" and isinstance(value, str))
         whole = isinstance(value, int) and not isinstance(value, bool)
         if not (whole or (self.kind == "number" and isinstance(value, float))):
             return False
         return math.isfinite(value) and self.above < value and self.least <= value <= self.most
+
+
+def _levels(given: Any) -> Any:
+    """Return ``"auto"``, or elevations as one text in ascending order: ``"10.5,11"``.
+
+    What they cannot be is returned as something that is no text.
+    """
+    listed = isinstance(given, Iterable) and not isinstance(given, str)
+    parts = [str(part) for part in given] if listed else [str(given)]
+    words = [word for part in parts for word in part.replace(",", " ").split()]
+    if words == [AUTO]:
+        return AUTO
+    try:
+        levels = sorted({float(word) for word in words})
+    except ValueError:
+        return words or None
+    low, high = _HEIGHTS
+    right = levels and len(levels) <= _MOST_LEVELS and low <= levels[0] and levels[-1] <= high
+    return ",".join(f"{level:.12g}" for level in levels) if right else words
 
 
 # What a number is kept as, and what else is one: numpy's.
@@ -251,6 +283,18 @@ class Options:
         TERRAIN,
         goes_with="terrain",
         **_FILE,
+    )
+    stage: Optional[str] = _option(
+        None,
+        "level, water surface and volume below it, and where basins spill (auto: about twenty "
+        "levels up to there)",
+        TERRAIN,
+        kind="levels",
+        choices=("auto",),
+        metavar="Z",
+        goes_with="terrain",
+        amount="elevations (one or more, at most 1000)",
+        request=None,
     )
     toe: Optional[Union[str, float]] = _option(
         None,

@@ -9,7 +9,7 @@ import pickle
 import sys
 import types
 from pathlib import Path
-from typing import Any, Optional, Union, get_type_hints
+from typing import Any, Optional, Sequence, Union, get_type_hints
 
 import numpy as np
 import pytest
@@ -83,7 +83,10 @@ def test_the_keywords_of_measure_are_the_options():
     hints, fields = get_type_hints(measure), get_type_hints(Options)
     for name, option in OPTIONS.items():
         assert parameters[name].default == option.default
-        more = {"density": Optional[Union[float, str]]}  # with its sigma, as on the command line
+        more = {
+            "density": Optional[Union[float, str]],  # with its sigma, as on the command line
+            "stage": Optional[Union[str, float, Sequence[float]]],
+        }
         assert hints[name] == more.get(name, fields[name])
         assert name in measure.__doc__
 

@@ -80,8 +80,8 @@ def landxml(path, z=tent, to=None, unit="meter", factor=1.0, epsg=None):
     return str(path)
 
 
-def cloud_at(path, z=ground, half=28.0, count=60_000, noise=0.01, crs="EPSG:32632"):
-    rng = np.random.default_rng(5)
+def cloud_at(path, z=ground, half=28.0, count=60_000, noise=0.01, crs="EPSG:32632", seed=5):
+    rng = np.random.default_rng(seed)
     x, y = rng.uniform(-half, half, (2, count))
     header = laspy.LasHeader(point_format=6, version="1.4")
     header.scales, header.offsets = [1e-4] * 3, [EAST, NORTH, 0.0]

@@ -71,6 +71,8 @@ def _option(name: str, **changed: Any) -> Argument:
         about["choices"] = option.choices
     else:
         about["metavar"] = "|".join([*option.choices, str(option.metavar)])
+        if option.kind == "levels":
+            about["nargs"] = "+"
     return Argument(option.flag, {**about, **changed}, option.group)
 
 

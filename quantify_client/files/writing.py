@@ -39,6 +39,8 @@ _MARKS = re.compile(
     rb'\s*\{\s*"schema": "quantify-client/'  # report.json
     rb'|\s*\{\s*"type": "FeatureCollection",\s*"generator": "quantify-client"'
     rb"|name,z_m,height_m,area_m2,volume_m3,points\r\n"  # slices.csv: its readers know no comment
+    rb"|before,after,name,volume_m3,cut_m3,fill_m3,std_m3\r\n"  # series.csv
+    rb"|name,level_m,water_area_m2,volume_m3,std_m3,spills\r\n"  # stage.csv
     rb"|\x89PNG.*tEXtSoftware\0quantify-client"
     rb'|<!doctype html>.*<meta name="generator" content="quantify-client">'
     # Pages written before they had that mark.

@@ -158,6 +158,8 @@ def _require_plain(options: Options) -> None:
             "--area auto, --gcp and --toe go with one survey; with two, give areas that were drawn "
             "and surveys in the same coordinates"
         )
+    if options.stage is not None or options.base_points is not None:
+        raise UsageError("--stage and --base-points go with one survey: leave them out")
     if options.shape == "object":
         raise UsageError("--shape object goes with one survey: change is that of terrain")
 

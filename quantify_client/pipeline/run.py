@@ -42,6 +42,7 @@ def measure(
     least_area: Optional[float] = None,
     base: Optional[Union[str, float]] = None,
     base_points: Optional[Any] = None,
+    stage: Optional[Union[str, float, Sequence[float]]] = None,
     toe: Optional[Union[str, float]] = None,
     layer: str = "upper",
     center_caps: bool = False,
@@ -81,6 +82,7 @@ def measure(
         given as a source is: it is brought onto this one by ground outside of the areas, or
         (align=False) left where it is.
     base_points : points of the floor, a file that a cloud may be in.
+    stage : elevations below which volumes are wanted (:attr:`AreaResult.stage`), or ``"auto"``.
     progress : called with the stage and the share done, from 0 to 1.
     access : who asks a WebODM server; by default what QUANTIFY_WEBODM_USER and
         QUANTIFY_WEBODM_PASSWORD say.

@@ -25,7 +25,7 @@ import shapely
 from ..areas.read import Area, far_corner_problem
 from ..crs import Frame
 from ..errors import QuantifyError, SupportError, UsageError
-from ..options import DEFAULT_BASE, proposes
+from ..options import AUTO, DEFAULT_BASE, proposes
 from ..source import Source
 from ..types import AreaFailure, AreaResult, Bounds, Measurement, Notice, Options, Proposal, Window
 from ..volcalc.terrain.accumulate import AreaPoints, TerrainAccumulator
@@ -157,6 +157,7 @@ def measure_areas(
     warnings += [] if given is None else given.warnings
     recipe = TerrainRecipe(
         base=DEFAULT_BASE if base is None else base,
+        stage=_levels(source, frame, options),
         slices=options.slices,
         slice_height=options.slice_height,
         layer=options.layer,
@@ -179,6 +180,14 @@ def measure_areas(
         warnings += _steepness(whole) or _plunges(results)
     measurement = measurement_of(source, frame, "terrain", factor, results, warnings)
     return replace(measurement, proposals=tuple(proposals))
+
+
+def _levels(source: Source, frame: Frame, options: Options) -> Optional[Sequence[float]]:
+    """Return the levels of stage curves in the frame: none for automatic ones; None without."""
+    if options.stage is None or options.stage == AUTO:
+        return None if options.stage is None else ()
+    at = cloud_window(source, frame)
+    return [placed_level(frame, options, float(z), at) for z in options.stage.split(",")]
 
 
 def _sites(

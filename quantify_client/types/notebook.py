@@ -13,6 +13,10 @@ __all__ = ["Notebook"]
 
 _SHOWN = 3  # results that a repr names
 
+# What volume, cut, fill and base are called.
+_VOLUME = ("Volume", "Cut", "Fill", "Base")
+_CHANGE = ("Net change", "Gain", "Loss", "Before")
+
 
 class Notebook:
     """What a :class:`Measurement` can do besides holding its fields.
@@ -26,6 +30,7 @@ class Notebook:
     length_unit: str
     shape: str
     method: str
+    kind: str
     results: Sequence[Any]
     warnings: Sequence[str]
 
@@ -67,7 +72,8 @@ class Notebook:
 
     def _repr_html_(self) -> str:
         """Return a table for a notebook."""
-        head = ("", "Volume ± 95 %", "Cut", "Fill", "Area", "Coverage", "Base")
+        words = _CHANGE if self.kind == "change" else _VOLUME
+        head = ("", f"{words[0]} ± 95 %", *words[1:3], "Area", "Coverage", words[3])
         rows = [_row(head, "th"), *(_row(self._cells(result), "td") for result in self.results)]
         how = self.shape if self.method == self.shape else f"{self.shape}, {self.method}"
         notes = [*self.warnings, *(w for r in self.results for w in getattr(r, "warnings", ()))]

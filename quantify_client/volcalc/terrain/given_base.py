@@ -96,8 +96,8 @@ class GivenBase:
         lost = float(missing.sum()) / max(float(covered.sum()), 1.0)
         if lost > _MOST_MISSING:
             raise SupportError(
-                f"{self.name} covers {share[covered].mean():.0%} of the area; expected a base under all of "
-                "it: draw the area within it, or give one that reaches further"
+                f"{self.name} covers {share[covered].mean():.0%} of the area; expected a base "
+                "under all of it: draw the area within it, or give one that reaches further"
             )
         if missing.any():
             row, column = ndimage.distance_transform_edt(

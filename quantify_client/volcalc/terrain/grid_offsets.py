@@ -196,7 +196,10 @@ def _combined(first: Sequence[Measured], offsets: Sequence[Sequence[Sides]]) -> 
         notices = warnings_of(mean, measured.findings, compared=compared)
         rows.append(replace(mean, warnings=tuple(notices)))
     bases = tuple(replace(row, relief=None) for row in rows) if compared else ()
-    return replace(rows[0], bases=bases)
+    curve = first[0].curve
+    others = [of_offset[0].held for of_offset in offsets]
+    stage = None if curve is None else curve.mean([one for one in others if one is not None])
+    return replace(rows[0], bases=bases, stage=stage)
 
 
 def _mean(measured: Measured, others: Sequence[Sides]) -> AreaResult:

@@ -12,7 +12,7 @@ from scipy import ndimage
 from ...errors import InputError
 from ...types import FloatArray, IntArray, Slice
 
-__all__ = ["above_mask", "integrate_slices", "slab_edges"]
+__all__ = ["above_mask", "integrate_slices", "round_height", "slab_edges"]
 
 #: About this many slices when the user does not say.
 _AUTO_SLICES = 20
@@ -93,7 +93,7 @@ def slab_edges(
         edges[-1] = highest
         edges = edges[np.abs(edges) > 1e-9 * span]
         return np.sort(np.append(edges, 0.0))
-    height = slice_height or _round_height(span / _AUTO_SLICES)
+    height = slice_height or round_height(span / _AUTO_SLICES)
     first, last = math.floor(lowest / height + 1e-9), math.ceil(highest / height - 1e-9)
     last = max(last, first + 1)  # level ground but for rounding
     if last - first > MAX_SLICES:
@@ -104,7 +104,7 @@ def slab_edges(
     return np.asarray(np.arange(first, last + 1) * height)
 
 
-def _round_height(at_least: float) -> float:
+def round_height(at_least: float) -> float:
     """Return 1, 2 or 5 times a power of ten, not below `at_least`."""
     power = 10.0 ** math.floor(math.log10(at_least))
     return next(float(f"{s * power:.6g}") for s in (1, 2, 5, 10) if s * power >= at_least * 0.999)

@@ -22,12 +22,13 @@ from .difference import find_difference
 from .flanks import NOT_ON_PILE, Flanks, find_flanks
 from .given_base import GivenBase
 from .ground import Ground, find_ground
-from .integrate import above_mask, integrate_slices, slab_edges
+from .integrate import integrate_slices, slab_edges
 from .layers import NO_LAYERS, Layers
 from .profiles import beside_walls, off_ground
 from .rim import Crossing, Rim, bridge_crossings
 from .robust import MAD, SURE, quantile
-from .surface import AreaSurface, CutFill, Second, find_surface
+from .stage_curve import StageCurve, stage_curve
+from .surface import AreaSurface, CutFill, Second, find_surface, over_base
 from .tin import tin_check
 from .toe import on_flanks
 from .warnings import Findings
@@ -52,6 +53,7 @@ class TerrainRecipe:
     ----------
     base : a name of `BASES`, ``"compare"``, an elevation in metres, or a surface that is given, in
         the coordinates of the area.
+    stage : levels below which volumes are wanted, metres; empty: about twenty; None: none.
     slices, slice_height : see `slab_edges`.
     ground_factor : grid length / ground length at the site.
     toe : how far outlines are moved to the toe at most, metres; None: not at all.
@@ -59,6 +61,7 @@ class TerrainRecipe:
     """
 
     base: BaseOf = DEFAULT_BASE
+    stage: Optional[Sequence[float]] = None
     slices: Union[str, int] = "auto"
     slice_height: Optional[float] = None
     ground_factor: float = 1.0
@@ -89,6 +92,7 @@ class Measured:
     below : volume between height 0 and the base, m3.
     flanks : what stands along the outline; None where nothing does.
     walled : whether anything around is steep.
+    curve : what the area holds below each level, where that was asked for.
     """
 
     result: AreaResult
@@ -98,6 +102,7 @@ class Measured:
     below: float
     flanks: Flanks | None
     walled: bool
+    curve: StageCurve | None = None
 
 
 class Sides(NamedTuple):
@@ -106,11 +111,13 @@ class Sides(NamedTuple):
     Attributes
     ----------
     below : between height 0 and the base.
+    held : (L, 2) below each level of a stage curve, and m2 of the ground below it; None without.
     """
 
     cut: float
     fill: float
     below: float
+    held: FloatArray | None = None
 
 
 def measure_terrain(
@@ -140,7 +147,11 @@ def measure_terrain(
     elif recipe.on_ground:
         ground, flanks = _ground(surface, points)
     measure = partial(_on_base, name, surface, ground, flanks, points, recipe, layers)
-    return tuple(map(measure, _bases(recipe)))
+    found = tuple(map(measure, _bases(recipe)))
+    if recipe.stage is None:
+        return found
+    curve = stage_curve(surface, recipe.stage, points.origin)
+    return (replace(found[0], curve=curve), *found[1:])
 
 
 def measure_sides(
@@ -160,11 +171,12 @@ def measure_sides(
     """
     surface = _surface(polygon, points, recipe, walled=first.walled)
     found = []
+    held = None if first.curve is None else first.curve.again(surface)
     for base in _bases(recipe):
         volume, _ = _cut_and_fill(base, surface, first.ground, first.noise)
         each = surface.a * np.nan_to_num(volume.r)
         cut, fill = float(each[volume.above].sum()), -float(each[~volume.above].sum())
-        found.append(Sides(cut, fill, volume.below))
+        found.append(Sides(cut, fill, volume.below, held))
     return tuple(found)
 
 
@@ -218,7 +230,7 @@ def _cut_and_fill(
     noise : standard deviation of cells' heights, metres.
     """
     if surface.second is not None:
-        return _over(surface, _earlier(surface, surface.second, ground), ground, noise), []
+        return over_base(surface, _earlier(surface, surface.second, ground), ground, noise), []
     rim: Rim | None = None
     crossings: list[Crossing] = []
     if base_name != KRIGED or ground is None:
@@ -228,7 +240,7 @@ def _cut_and_fill(
     # One cell more all around, for slopes at the outline.
     covered = ndimage.binary_dilation(surface.inside, np.ones((3, 3)))
     base = make_base(base_name, rim, surface.parts, surface.heights.window, covered, ground)
-    return _over(surface, base, ground, noise), crossings
+    return over_base(surface, base, ground, noise), crossings
 
 
 def _earlier(surface: AreaSurface, second: Second, ground: Ground | None) -> Base:
@@ -239,19 +251,6 @@ def _earlier(surface: AreaSurface, second: Second, ground: Ground | None) -> Bas
         z = z.copy()
         z[covered] += ground.heights(*surface.heights.window.middles(covered))
     return Base(second.name, z, None)
-
-
-def _over(
-    surface: AreaSurface, base: Base, ground: Ground | None, noise: Union[float, FloatArray]
-) -> CutFill:
-    """Return the heights of the parts of cells inside the area over a base."""
-    r, r_std = surface.over_parts(surface.filled - base.z)
-    if surface.at_walls is not None:
-        z, std = surface.at_walls
-        known = np.isfinite(z)
-        r = np.where(known & (surface.fraction < 1), z - base.z, r)
-        r_std = np.where(known, std, r_std)
-    return CutFill(surface, base, ground, r, r_std, above_mask(r, surface.a, noise))
 
 
 def _on_base(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Sequence
+from typing import Sequence, Union
 
 import numpy as np
 import numpy.typing as npt
@@ -19,11 +19,12 @@ from .grid import cell_parts, minmod, polygons_of, squares_around
 from .ground import Ground
 from .heights import LOWER, UPPER, CellHeights, cell_heights, cell_window
 from .histogram import Cubes
+from .integrate import above_mask
 from .noise import Noise, measure_noise
 from .rim import Rim, require_plain_outline, sample_rim
 from .walls import NO_WALLS, Walls, find_walls, heights_at_walls, steps_beside
 
-__all__ = ["AreaSurface", "CutFill", "find_surface"]
+__all__ = ["AreaSurface", "CutFill", "find_surface", "over_base"]
 
 #: Heights go on beyond the points' outer edge for this share of the area's size, in whole cells.
 _REACH = 0.05
@@ -183,6 +184,24 @@ class CutFill:
         """Volume between height 0 and the base, m3."""
         base, _ = self.surface.over_parts(self.base.z)
         return float((self.surface.a * np.nan_to_num(base)).sum())
+
+
+def over_base(
+    surface: AreaSurface, base: Base, ground: Ground | None, noise: Union[float, FloatArray]
+) -> CutFill:
+    """Return the heights of the parts of cells inside the area over a base.
+
+    Parameters
+    ----------
+    noise : standard deviation of cells' heights, metres.
+    """
+    r, r_std = surface.over_parts(surface.filled - base.z)
+    if surface.at_walls is not None:
+        z, std = surface.at_walls
+        known = np.isfinite(z)
+        r = np.where(known & (surface.fraction < 1), z - base.z, r)
+        r_std = np.where(known, std, r_std)
+    return CutFill(surface, base, ground, r, r_std, above_mask(r, surface.a, noise))
 
 
 def find_surface(

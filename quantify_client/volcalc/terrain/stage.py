@@ -1,0 +1,243 @@
+"""How much an area holds below each level, and where its basins spill.
+
+The outline is a wall: below a level lies the volume between it and the ground within the outline,
+whether or not water would stay there. Where it would run off is told by the pour points: cells are
+joined from the lowest to the highest, as water rises, and where two basins meet, or one meets the
+outline, the shallower of both has its pour point (the join tree of heights; basins that are no
+deeper than noise are none).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Iterator, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from ...types import FloatArray, IntArray, PourPoint, Stage, StageLevel
+from .integrate import round_height
+from .robust import SURE
+
+__all__ = ["Basins", "auto_levels", "find_basins", "staged"]
+
+#: About this many levels when the user does not say.
+_AUTO_LEVELS = 20
+
+#: Pour points, at most: those of the basins that hold most.
+_MOST_POINTS = 20
+
+#: Basins that hold less than this share of the largest one are not told.
+_LEAST_SHARE = 1e-3
+
+#: Steps from a cell to four of its eight neighbours, row and column: each pair of neighbours once.
+_STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
+
+#: The number that stands for what lies beyond the outline, among basins.
+_OUTSIDE = -1
+
+
+@dataclass(frozen=True)
+class Basins:
+    """The basins of an area.
+
+    Attributes
+    ----------
+    outline : height of the lowest cell along the outline, metres.
+    points : where they spill, those that lead out of the area first.
+    """
+
+    outline: float
+    points: Sequence[PourPoint]
+
+
+def auto_levels(lowest: float, highest: float, basins: Basins) -> FloatArray:
+    """Return about twenty round levels, up to where the last basin spills, which is among them.
+
+    Without a basin that spills over the outline they go to the highest place.
+    """
+    ends = [point.level_m for point in basins.points if point.outside]
+    top = max(ends) if ends else highest
+    if not top > lowest:
+        return np.array([top])
+    height = round_height((top - lowest) / _AUTO_LEVELS)
+    first, last = np.floor(lowest / height) + 1, np.ceil(top / height)
+    levels = np.arange(first, last + 1) * height
+    return np.asarray(np.union1d(levels[levels < top - 1e-9 * height], ends or [top]))
+
+
+def staged(levels: FloatArray, held: FloatArray, std: FloatArray, basins: Basins) -> Stage:
+    """Return the stage curve.
+
+    Parameters
+    ----------
+    levels : (L,) metres.
+    held : (L, 2) volume below each, m3, and area of the ground below it, m2.
+    std : (L,) standard deviations of the volumes.
+    """
+    rows = [
+        StageLevel(level, max(area, 0.0), max(volume, 0.0), spread, level > basins.outline)
+        for level, (volume, area), spread in zip(levels.tolist(), held.tolist(), std.tolist())
+    ]
+    return Stage(tuple(rows), tuple(basins.points))
+
+
+def find_basins(
+    z: FloatArray, a: FloatArray, noise: float, corner: tuple[float, float], cell: float
+) -> Basins:
+    """Return the basins of an area and their pour points.
+
+    Parameters
+    ----------
+    z : (ny, nx) heights of the parts of cells inside the area, metres; NaN outside.
+    a : (ny, nx) areas of these parts, m2.
+    noise : standard deviation of a cell's height. A basin is deeper than six of them: its lowest
+        cell may be three too low and its pour point three too high.
+    corner : of the cells, south-west, in the measuring frame; `cell` is their size there.
+    """
+    known = np.isfinite(z)
+    edge = known & _at_outline(known)
+    outline = float(z[edge].min()) if edge.any() else -np.inf
+    basin, lowest = _catchments(z, known)
+    heights, ends, places = _passes(z, known, edge, basin)
+    found = []
+    for event in _joined(lowest, heights, ends, places, 2.0 * SURE * noise):
+        within = known & np.isin(basin, event.basins) & (z < event.level)
+        row, column = divmod(event.place, z.shape[1])
+        point = PourPoint(
+            event.level,
+            corner[0] + (column + 0.5) * cell,
+            corner[1] + (row + 0.5) * cell,
+            float((a[within] * (event.level - z[within])).sum()),
+            float(a[within].sum()),
+            event.lowest,
+            event.outside,
+        )
+        found.append(point)
+    most = max((point.volume_m3 for point in found), default=0.0)
+    found = [point for point in found if point.volume_m3 > _LEAST_SHARE * most]
+    found.sort(key=lambda point: (not point.outside, -point.volume_m3))
+    return Basins(outline, found[:_MOST_POINTS])
+
+
+def _at_outline(known: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Return the cells with one of eight neighbours outside."""
+    wide = np.pad(known, 1)
+    whole = np.ones_like(known)
+    for down in (0, 1, 2):
+        for right in (0, 1, 2):
+            whole &= wide[down : down + known.shape[0], right : right + known.shape[1]]
+    return np.asarray(~whole)
+
+
+def _pairs(known: npt.NDArray[np.bool_]) -> Iterator[tuple[IntArray, IntArray]]:
+    """Yield the numbers of neighbouring cells that are both known, each pair once."""
+    number = np.arange(known.size).reshape(known.shape)
+    ny, nx = known.shape
+    for down, right in _STEPS:
+        one = (slice(0, ny - down), slice(max(0, -right), nx - max(0, right)))
+        other = (slice(down, ny), slice(max(0, right), nx - max(0, -right)))
+        both = known[one] & known[other]
+        yield number[one][both], number[other][both]
+
+
+def _catchments(z: FloatArray, known: npt.NDArray[np.bool_]) -> tuple[IntArray, FloatArray]:
+    """Return for each cell the basin that it drains into, (ny, nx), and each basin's lowest height.
+
+    By steepest descent: each cell leads to its lowest neighbour, until none is lower. Of equal
+    heights the one with the smaller number is lower.
+    """
+    order = np.argsort(np.where(known, z, np.inf), axis=None, kind="stable")
+    rank = np.empty(z.size, dtype=np.int64)
+    rank[order] = np.arange(z.size)
+    # The lowest rank around each cell, its own included.
+    target = rank.copy()
+    for one, other in _pairs(known):
+        np.minimum.at(target, one, rank[other])
+        np.minimum.at(target, other, rank[one])
+    lower = order[target]
+    while True:
+        further = lower[lower]
+        if np.array_equal(further, lower):
+            break
+        lower = further
+    bottoms, basin = np.unique(np.where(known.ravel(), lower, -1), return_inverse=True)
+    first = int(bottoms[0] == -1)
+    basin = basin.reshape(z.shape) - first
+    return np.asarray(basin, dtype=np.int64), z.ravel()[bottoms[first:]]
+
+
+def _passes(
+    z: FloatArray,
+    known: npt.NDArray[np.bool_],
+    edge: npt.NDArray[np.bool_],
+    basin: IntArray,
+) -> tuple[FloatArray, IntArray, IntArray]:
+    """Return the lowest pass between each two basins, and from each over the outline.
+
+    Returns
+    -------
+    Heights (P,) in ascending order, the two basins (P, 2), and the cell of each pass (P,).
+    """
+    height, of = z.ravel(), basin.ravel()
+    parts = []
+    for one, other in _pairs(known):
+        apart = of[one] != of[other]
+        one, other = one[apart], other[apart]
+        higher = np.where(height[one] >= height[other], one, other)
+        ends = np.sort(np.column_stack([of[one], of[other]]), axis=1)
+        parts.append(np.column_stack([ends, higher]))
+    rim = np.flatnonzero(edge.ravel())
+    parts.append(np.column_stack([np.full(len(rim), _OUTSIDE), of[rim], rim]))
+    table = np.concatenate(parts)
+    order = np.lexsort((height[table[:, 2]], table[:, 1], table[:, 0]))
+    table = table[order]
+    first = np.ones(len(table), dtype=bool)
+    first[1:] = (table[1:, :2] != table[:-1, :2]).any(axis=1)
+    table = table[first]
+    table = table[np.argsort(height[table[:, 2]], kind="stable")]
+    return height[table[:, 2]], table[:, :2], table[:, 2]
+
+
+@dataclass(frozen=True)
+class _Spill:
+    """A basin that spills: at a level, in a cell, with all the basins that are one by then."""
+
+    level: float
+    place: int
+    lowest: float
+    basins: Sequence[int]
+    outside: bool
+
+
+@dataclass
+class _Pool:
+    """Basins that are one at the present level."""
+
+    lowest: float
+    basins: list[int] = field(default_factory=list)
+    outside: bool = False
+
+
+def _joined(
+    lowest: FloatArray, heights: FloatArray, ends: IntArray, places: IntArray, least: float
+) -> Iterator[_Spill]:
+    """Yield each spill of a basin deeper than `least` as the water rises, from pass to pass."""
+    pools = [_Pool(value, [number]) for number, value in enumerate(lowest.tolist())]
+    beyond = _Pool(-np.inf, outside=True)
+    of = [*pools, beyond]  # the last is number -1
+    for level, (one, other), place in zip(heights.tolist(), ends.tolist(), places.tolist()):
+        a, b = of[one], of[other]
+        if a is b:
+            continue
+        # What leads out takes all that joins it, else the deeper pool goes on.
+        stays, spills = (a, b) if (a.outside, -a.lowest) >= (b.outside, -b.lowest) else (b, a)
+        if level - spills.lowest > least:
+            yield _Spill(level, place, spills.lowest, tuple(spills.basins), stays.outside)
+        small, large = sorted((stays, spills), key=lambda pool: len(pool.basins))
+        for number in small.basins:
+            of[number] = large
+        large.basins += small.basins
+        large.lowest, large.outside = stays.lowest, stays.outside
+        if large.outside:
+            of[_OUTSIDE] = large

@@ -1,0 +1,150 @@
+"""The stage curve of an area: from its surface, with errors, as the mean of all grid offsets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Sequence
+
+import numpy as np
+
+from ...types import FloatArray, Stage
+from .base import Base
+from .budget import error_budget, standard_deviations
+from .grid import slopes
+from .stage import Basins, auto_levels, find_basins, staged
+from .surface import AreaSurface, CutFill, over_base
+
+__all__ = ["StageCurve", "stage_curve"]
+
+#: An area of more cells than this has the errors of so many levels computed; between these they are
+#: interpolated.
+_MANY_CELLS = 50_000
+_FEW_LEVELS = 6
+
+
+#: Places along each side of a cell, from its middle, in cells.
+_PLACES = (np.arange(8) + 0.5) / 8.0 - 0.5
+
+
+@dataclass(frozen=True)
+class StageCurve:
+    """What an area holds below each level, with one grid offset.
+
+    Attributes
+    ----------
+    levels : (L,) metres.
+    held : (L, 2) volume between the ground and each level, m3, and area of the ground below, m2.
+    std : (L,) of the volumes, m3.
+    """
+
+    levels: FloatArray
+    held: FloatArray
+    std: FloatArray
+    basins: Basins
+
+    def again(self, surface: AreaSurface) -> FloatArray:
+        """Return what is held with another grid offset, (L, 2)."""
+        return _held(surface, self.levels)[0]
+
+    def mean(self, others: Sequence[FloatArray]) -> Stage:
+        """Return the mean over all grid offsets; their scatter is an error of it."""
+        each = np.stack([self.held, *others])
+        std = self.std
+        if others:
+            std = np.hypot(std, each[:, :, 0].std(axis=0, ddof=1) / np.sqrt(len(each)))
+        return staged(self.levels, each.mean(axis=0), std, self.basins)
+
+
+def stage_curve(
+    surface: AreaSurface, levels: Sequence[float], origin: tuple[float, float]
+) -> StageCurve:
+    """Return the stage curve of an area.
+
+    Parameters
+    ----------
+    levels : metres; empty for about twenty.
+    origin : of the surface's coordinates, in the frame.
+    """
+    window = surface.heights.window
+    ground = _below(surface, 0.0)
+    corner = (window.min_x + origin[0], window.min_y + origin[1])
+    noise = surface.noise.independent
+    basins = find_basins(ground.r, surface.a, noise, corner, window.cell)
+    found = np.array(sorted(set(levels)), dtype=np.float64)
+    if not len(found):
+        found = auto_levels(float(np.nanmin(ground.r)), float(np.nanmax(ground.r)), basins)
+    held, volumes = _held(surface, found)
+    some = np.arange(len(volumes))
+    if np.count_nonzero(surface.inside) > _MANY_CELLS and len(some) > _FEW_LEVELS:
+        some = np.unique(np.linspace(0, len(some) - 1, _FEW_LEVELS).round().astype(np.int64))
+    std = [standard_deviations(error_budget(volumes[number]))[2] for number in some.tolist()]
+    return StageCurve(found, held, np.interp(found, found[some], std), basins)
+
+
+def _below(surface: AreaSurface, level: float) -> CutFill:
+    """Return the surface over a level."""
+    base = Base(level, np.full(surface.filled.shape, level), None)
+    return over_base(surface, base, None, surface.noise.cell)
+
+
+def _held(surface: AreaSurface, levels: FloatArray) -> tuple[FloatArray, list[CutFill]]:
+    """Return what lies below each level, (L, 2) m3 and m2, and the surfaces over them."""
+    volumes = [_below(surface, level) for level in levels.tolist()]
+    shore = _Shore.of(surface)
+    held = []
+    for volume, level in zip(volumes, levels.tolist()):
+        a, below = surface.a, volume.sides[2]
+        more, wet = shore.within(level)
+        held.append(
+            (float((a[below] * -volume.r[below]).sum()) + more, float(a[below].sum()) + wet)
+        )
+    return np.array(held), volumes
+
+
+@dataclass(frozen=True)
+class _Shore:
+    """Cells as planes, for those that a level cuts.
+
+    The mean height of such a cell tells less than what lies in it below the level: by s c^2 / 24
+    for each metre of shore, where s is its slope and c the size of cells, on average.
+
+    Attributes
+    ----------
+    z, a : (N,) heights and areas of the cells.
+    rise : (2, N) from one side of each to the other, metres.
+    """
+
+    z: FloatArray
+    a: FloatArray
+    rise: FloatArray
+
+    @classmethod
+    def of(cls, surface: AreaSurface) -> _Shore:
+        """Return the cells of a surface, with slopes as far as they are no noise.
+
+        The square of a slope between the cells to both sides has half of their variance in it.
+        """
+        ground = _below(surface, 0.0)
+        known = ground.sides[0] & (surface.a > 0)
+        rise, _ = slopes(surface.heights.z)
+        variance = np.broadcast_to(np.square(surface.noise.cell), known.shape)[known] / 2.0
+        each = np.nan_to_num(np.stack([one[known] for one in rise]))
+        square = each**2
+        share = np.divide(
+            np.maximum(square - variance, 0.0), square, out=np.zeros_like(square), where=square > 0
+        )
+        return cls(ground.r[known], surface.a[known], each * np.sqrt(share))
+
+    def within(self, level: float) -> tuple[float, float]:
+        """Return what is to be added to the volume and the area below a level, m3 and m2."""
+        depth = level - self.z
+        cut = np.abs(depth) < np.abs(self.rise).sum(axis=0) / 2.0
+        depth, a = depth[cut], self.a[cut]
+        if not len(depth):
+            return 0.0, 0.0
+        east, north = np.meshgrid(_PLACES, _PLACES)
+        planes = self.rise[0, cut, None] * east.ravel() + self.rise[1, cut, None] * north.ravel()
+        under = depth[:, None] - planes
+        held = np.maximum(under, 0.0).mean(axis=1) - np.maximum(depth, 0.0)
+        wet = (under > 0).mean(axis=1) - (depth > 0)
+        return float((a * held).sum()), float((a * wet).sum())
