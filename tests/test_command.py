@@ -27,14 +27,16 @@ from quantify_client.version import package_version
 
 # --- wrong usage
 
+FOR_TERRAIN = "--base, --base-points, --stage, --toe and --layer go with --shape terrain"
+
 
 @pytest.mark.parametrize(
     ("options", "said"),
     [
         ("--slices 5 --slice-height 0.1", "--slices and --slice-height exclude each other"),
         ("--shape terrain --method polar", "--floor and --accuracy go with --shape object"),
-        ("--base plane --center-caps", "--base, --base-points, --stage, --toe and --layer go with --shape terrain"),
-        ("--base plane --hollow", "--base, --base-points, --stage, --toe and --layer go with --shape terrain"),
+        ("--base plane --center-caps", FOR_TERRAIN),
+        ("--base plane --hollow", FOR_TERRAIN),
         ("--shape terrain --floor none", "--floor and --accuracy go with --shape object"),
         ("--method polar --hollow", "go with --method section, not polar"),
         ("--method polar --max-gap 1", "go with --method section, not polar"),
@@ -42,8 +44,8 @@ from quantify_client.version import package_version
         ("--max-gap 0", "give a length above 0"),
         ("--floor cellar", "give auto, none, plane or an elevation"),
         ("--floor inf", "give auto, none, plane or an elevation"),
-        ("--shape object --base plane", "--base, --base-points, --stage, --toe and --layer go with --shape terrain"),
-        ("--shape object --layer lower", "--base, --base-points, --stage, --toe and --layer go with --shape terrain"),
+        ("--shape object --base plane", FOR_TERRAIN),
+        ("--shape object --layer lower", FOR_TERRAIN),
         ("--layer middle", "argument --layer: invalid choice: 'middle'"),
         ("--shape object --area AREA", "--area goes with --shape terrain"),
         ("--base plateau", f"give {', '.join(BASES)}, compare, vertices or"),

@@ -228,9 +228,7 @@ def test_what_a_design_cannot_be_the_base_of_is_one_line(cloud, tmp_path, option
 
 def test_a_design_elsewhere_is_refused_with_both_places(cloud, tmp_path):
     path = landxml(tmp_path / "far.xml", to="EPSG:32633")
-    with pytest.raises(
-        DesignError, match=r"far.xml lies outside the cloud: it covers x -44214"
-    ):
+    with pytest.raises(DesignError, match=r"far.xml lies outside the cloud: it covers x -44214"):
         quantify_client.measure(cloud, base=path)
 
 

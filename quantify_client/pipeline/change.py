@@ -20,7 +20,7 @@ from ..crs import Frame, frame_onto, measuring_frame
 from ..errors import QuantifyError, SupportError, UsageError
 from ..options import Options, proposes
 from ..source import Source
-from ..types import Aligned, AreaFailure, FloatArray, Measurement, Notice, Window
+from ..types import Aligned, AreaFailure, FloatArray, Measurement, Notice, StableGround, Window
 from ..volcalc.change.align import FARTHEST, Alignment, Surfaces, align, as_they_are
 from ..volcalc.change.motion import STILL
 from ..volcalc.terrain.accumulate import AreaPoints, TerrainAccumulator
@@ -91,14 +91,15 @@ class Surveys:
 class _Together:
     """Both surveys in the cubes of one box, with how one lies on the other.
 
-    `left_out` has counts of points that the readers left out, by reason, `lowest` the height that
-    is nearest to zero.
+    `left_out` has counts of points that the readers left out, by reason, `changes` x, y and later
+    less earlier height of places on stable ground, `lowest` the height that is nearest to zero.
     """
 
     points: Tuple[AreaPoints, AreaPoints]
     left_out: Mapping[str, int]
     alignment: Alignment
     changes: FloatArray
+    stable: StableGround
     lowest: float
 
 
@@ -148,7 +149,13 @@ def measure_surveys(surveys: Surveys, options: Options, report: Progress) -> Mea
     found_all = measurement_of(surveys.reference, frames[0], "terrain", factor, found, notices)
     aligned = _aligned(surveys, together.alignment)
     kind = "change" if surveys.moved_is_later else "volume"
-    return replace(found_all, source=surveys.later.label, kind=kind, alignment=aligned)
+    return replace(
+        found_all,
+        source=surveys.later.label,
+        kind=kind,
+        alignment=aligned,
+        stable_ground=together.stable,
+    )
 
 
 def _require_plain(options: Options) -> None:
@@ -210,10 +217,13 @@ def _brought_together(
         np.empty((0, 3)),
     )
     outlines = [points[0].to_local(area.polygon) for area in areas if isinstance(area, Area)]
-    alignment = _alignment(surveys, points[0], raw, outlines)
+    unmoved = _surfaces(points[0], raw, outlines)
+    alignment = _alignment(surveys, unmoved, bool(outlines))
     moved = replace(raw, motion=alignment.motion)
-    changes = _changes(_surfaces(points[0], moved, outlines), surveys.moved_is_later)
-    return _Together(points, left_out, alignment, changes, lowest)
+    after = _changes(_surfaces(points[0], moved, outlines))
+    stable = StableGround(_changes(unmoved)[:, 2], after[:, 2])
+    changes = after * (1.0, 1.0, 1.0 if surveys.moved_is_later else -1.0)
+    return _Together(points, left_out, alignment, changes, stable, lowest)
 
 
 def _site(one: Window, other: Window, surveys: Surveys) -> Window:
@@ -270,16 +280,10 @@ def _surfaces(
     return Surfaces(one.z, two.z + up, stable, window.cell, window.min_x, window.min_y)
 
 
-def _alignment(
-    surveys: Surveys,
-    points: AreaPoints,
-    other: OtherSurvey,
-    outlines: Sequence[shapely.Geometry],
-) -> Alignment:
-    surfaces = _surfaces(points, other, outlines)
+def _alignment(surveys: Surveys, surfaces: Surfaces, has_areas: bool) -> Alignment:
     found = align(surfaces) if surveys.aligned else as_they_are(surfaces)
     if found is None:
-        where = "outside of the areas " if outlines else ""
+        where = "outside of the areas " if has_areas else ""
         raise SupportError(
             f"the surveys have too little ground in common {where}to bring one onto the other; "
             "expected ground that did not change around what is measured: give clouds with more of "
@@ -288,8 +292,8 @@ def _alignment(
     return found
 
 
-def _changes(surfaces: Surfaces, moved_is_later: bool) -> FloatArray:
-    """Return x, y and change of height, (K, 3), of cells of stable ground."""
+def _changes(surfaces: Surfaces) -> FloatArray:
+    """Return x, y and moved less reference height, (K, 3), of cells of stable ground."""
     change = surfaces.moving - surfaces.reference
     known = surfaces.stable & np.isfinite(change)
     row, column = np.nonzero(known)
@@ -297,8 +301,7 @@ def _changes(surfaces: Surfaces, moved_is_later: bool) -> FloatArray:
     row, column = row[some], column[some]
     x = surfaces.min_x + (column + 0.5) * surfaces.cell
     y = surfaces.min_y + (row + 0.5) * surfaces.cell
-    sign = 1.0 if moved_is_later else -1.0
-    return np.column_stack([x, y, sign * change[row, column]])
+    return np.column_stack([x, y, change[row, column]])
 
 
 def _in_common(points: Tuple[AreaPoints, AreaPoints]) -> shapely.Geometry:
