@@ -47,13 +47,14 @@ from .sfm.odm.layout import (
 from .sfm.servers.access import Access
 from .types import Chunk, CloudInfo, CrsPart, Faces, Notice, Options, Window
 
-__all__ = ["Source", "file_of", "is_address", "open_source"]
+__all__ = ["Source", "file_of", "is_address", "open_source", "time_of"]
 
 Aliases = Sequence[Tuple[str, str]]
 """Names of temporary folders, and what users know them by."""
 Progress = Callable[[str, float], None]
 
 _URL = re.compile(r"^https?:/", re.IGNORECASE)
+_TIMED = (".las", ".laz")
 _MODEL_STEM = "odm_georeferenced_model"
 _INNER = (GEOREFERENCING, ENTWINE, "odm_filterpoints")
 
@@ -147,6 +148,20 @@ def open_source(
 def is_address(given: Union[str, Path]) -> bool:
     """Whether a source is on a server."""
     return bool(_URL.match(str(given)))
+
+
+def time_of(source: Source) -> Optional[Tuple[datetime, datetime]]:
+    """Return when a survey was begun and ended, as its photographs or its points tell; or None."""
+    from .cloud.las.times import time_of_points  # late: only where surveys are compared
+    from .sfm.odm.times import times_of_photographs
+
+    if source.project is not None:
+        photographs = times_of_photographs(source.project)
+        if photographs is not None:
+            return photographs
+    of_files = [time_of_points(path) for path in source.files if path.suffix.lower() in _TIMED]
+    known = [time for time in of_files if time is not None]
+    return (min(known), max(known)) if known else None
 
 
 def _task(

@@ -209,7 +209,7 @@ def test_a_design_around_which_the_ground_lies_off_is_told(cloud, tmp_path):
         (
             {"area": areas(square(22.0))},
             AreaFailure,
-            "roof.xml covers 82% of the area; expected",
+            "roof.xml covers 80% of the area; expected",
         ),
         ({"shape": "object"}, UsageError, "goes with terrain"),
         ({"gcp": "control.yaml"}, UsageError, "without --gcp"),

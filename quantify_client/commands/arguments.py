@@ -193,10 +193,11 @@ COMMANDS: Mapping[str, Command] = {
     ),
     "change": Command(
         "measuring.change_between",
-        "measure what changed between two surveys",
+        "measure what changed between surveys",
         [
             _value("before", "BEFORE", "the earlier survey; whatever volume takes"),
             _value("after", "AFTER", "the later one"),
+            _value("later", "LATER", "more surveys, each later than the one before", nargs="*"),
             *_in(
                 "what is measured",
                 _option("area", help="polygons, drawn on the earlier survey; a result for each"),
@@ -211,9 +212,11 @@ COMMANDS: Mapping[str, Command] = {
         [
             "change 2024/ 2025/ --area glacier.geojson --out report",
             "change before.laz after.laz --json",
+            "change 2023/ 2024/ 2025/ --area glacier.geojson --out report",
         ],
         "Brings the later survey onto the earlier one by ground that did not change, and measures "
-        "gain (cut), loss (fill) and net in each area, or where both show the ground.",
+        "gain (cut), loss (fill) and net in each area, or where both show the ground. Of more than "
+        "two surveys each is compared with the next, and the last with the first.",
     ),
     "info": Command(
         "measuring.info",

@@ -45,8 +45,8 @@ def volume(given: argparse.Namespace) -> int:
 
 
 def change_between(given: argparse.Namespace) -> int:
-    """Measure what changed between two surveys."""
-    surveys = [given.before, given.after]
+    """Measure what changed between surveys."""
+    surveys = [given.before, given.after, *given.later]
     _require_out(given, [given.area, *surveys, given.ca, given.token_file])
     with stages() as progress:
         measurement = change(

@@ -9,7 +9,7 @@ from dataclasses import asdict, replace
 from datetime import datetime, timezone
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, List, Mapping, Optional, Sequence, Tuple, Union
+from typing import TYPE_CHECKING, Any, Mapping, Optional, Sequence, Tuple, Union
 
 from ..crs import Frame, measuring_frame
 from ..errors import UsageError
@@ -103,7 +103,9 @@ def measure(
     started, clock = datetime.now(timezone.utc), time.perf_counter()
     report = progress or (lambda stage, share: None)
     if file is not None and not _is_design(file):
-        measured = _compared(list(sources), [file], options, access, report, False, align)
+        from .surveys import compared
+
+        measured = compared(list(sources), [file], options, access, report, align)
         return _finished(measured, options, started, clock)
     with ExitStack() as stack:
         inputs, base_in = _given_base(file, options, access, stack)
@@ -127,7 +129,7 @@ def measure(
 def change(
     before: Union[str, Path],
     after: Union[str, Path],
-    *,
+    *later: Union[str, Path],
     area: Optional[Any] = None,
     align: bool = True,
     slices: Union[str, int] = "auto",
@@ -143,7 +145,7 @@ def change(
     progress: Optional[Progress] = None,
     access: Optional[Access] = None,
 ) -> Measurement:
-    """Measure what changed between two surveys.
+    """Measure what changed between two surveys, or from each of several to the next.
 
     The later one is brought onto the earlier one by ground outside of the areas (or, without areas,
     by what most of the ground tells): by a shift, a lift and a tilt (Nuth and Kaab 2011,
@@ -151,7 +153,8 @@ def change(
 
     Parameters
     ----------
-    before, after : sources as for :func:`measure`; areas are drawn on the earlier one.
+    before, after, *later : sources as for :func:`measure`, from the earliest to the latest; areas
+        are drawn on the earliest.
     area : as for :func:`measure`; without it all that both show is measured.
     align : False leaves the later survey where it is.
     slices, slice_height, layer, grid, density, density_sigma, threads, progress, access : as for
@@ -161,7 +164,9 @@ def change(
     Returns
     -------
     Measurement
-        With cut as gain (after above before), fill as loss, and :attr:`Measurement.alignment`.
+        With cut as gain (after above before), fill as loss, and :attr:`Measurement.alignment`. Of
+        more than two surveys it is that from the first to the last, and
+        :attr:`Measurement.series` has each pair.
 
     Raises
     ------
@@ -171,7 +176,9 @@ def change(
     options = read_options(locals())
     started, clock = datetime.now(timezone.utc), time.perf_counter()
     report = progress or (lambda stage, share: None)
-    measured = _compared([before], [after], options, access, report, True, align)
+    from .surveys import in_series
+
+    measured = in_series([before, after, *later], options, access, report, align)
     return _finished(measured, options, started, clock)
 
 
@@ -215,32 +222,6 @@ def is_file(base: Any) -> bool:
     except ValueError:
         return is_address(base) or Path(base).exists() or bool(Path(base).suffix)
     return False
-
-
-def _compared(
-    reference: List[Union[str, Path]],
-    moved: List[Union[str, Path]],
-    options: Options,
-    access: Optional[Access],
-    report: Progress,
-    moved_is_later: bool,
-    align: bool,
-) -> Tuple[Measurement, Source]:
-    from .change import Surveys, measure_surveys
-
-    opened = partial(open_source, access=access, progress=report, options=options)
-    with opened(reference) as one, opened(moved) as other:
-        inputs = [*one.inputs, *other.inputs]
-
-        def measured(reference: Source) -> Measurement:
-            return every_point(
-                other,
-                lambda source: measure_surveys(
-                    Surveys(reference, source, moved_is_later, align), options, report
-                ),
-            )
-
-        return every_point(one, measured), replace(one, inputs=inputs)
 
 
 def _finished(
