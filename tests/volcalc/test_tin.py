@@ -10,7 +10,7 @@ from shapely.geometry import Point, Polygon, box
 from quantify_client.volcalc.terrain.grid import cell_parts, polygons_of
 from quantify_client.volcalc.terrain.rim import sample_rim
 from quantify_client.volcalc.terrain.sample import MAX_POINTS, PointSample, first_of, priority
-from quantify_client.volcalc.terrain.tin import tin_integral
+from quantify_client.volcalc.terrain.tin import _at_places, tin_integral
 
 from .grounds import EAST, LEVEL, NORTH, at_site, ground_under
 
@@ -122,3 +122,18 @@ def test_the_last_bits_of_a_point_do_not_change_its_priority():
     assert np.array_equal(first, priority(points + 1e-11))
     assert len(np.unique(first)) == 5000
     assert np.histogram(first, 10, (0, 1))[0].min() > 400
+
+
+def test_heights_at_places_are_those_of_a_paraboloid_of_which_cell_means_are_known():
+    """Its mean over a cell is the height of the middle and (a + b) / 12, with a u^2 + b v^2."""
+    a, b = 0.013, -0.021
+    v, u = np.indices((40, 50), dtype=float)
+    means = 5000.0 + a * u**2 + b * v**2 + 0.2 * u + (a + b) / 12.0
+    means[:, :6] = np.nan
+    rng = np.random.default_rng(4)
+    row, column = rng.uniform(12, 28, 500), rng.uniform(18, 38, 500)
+    found = _at_places(means, row, column)
+    exact = 5000.0 + a * column**2 + b * row**2 + 0.2 * column
+    # The spline's ends, and the edge of what is known, are felt less with each cell by a factor 3.7.
+    assert np.abs(found - exact).max() < 1e-5
+    assert np.isnan(_at_places(means, np.array([20.0]), np.array([2.0]))).all()

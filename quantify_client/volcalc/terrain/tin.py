@@ -81,9 +81,23 @@ def _changes(points: FloatArray, surface: AreaSurface, earlier: FloatArray) -> F
     """
     points, _ = _nodes(points, surface.polygon, surface.heights)
     u, v = surface.heights.window.in_cells(points[:, 0], points[:, 1])
-    below = ndimage.map_coordinates(earlier, (v - 0.5, u - 0.5), order=1, mode="nearest")
-    z = points[:, 2] - below
+    z = points[:, 2] - _at_places(earlier, v - 0.5, u - 0.5)
     return np.asarray(np.column_stack([points[:, :2], z])[np.isfinite(z)])
+
+
+def _at_places(means: FloatArray, row: FloatArray, column: FloatArray) -> FloatArray:
+    """Return heights at places of which means over cells are known; NaN where none are near.
+
+    By a cubic spline through the heights at the cells' middles, which differ from the means by a
+    24th of the curvature: a straight line between means would cut off the terrain's shape.
+    """
+    unknown = np.isnan(means)
+    nearest = ndimage.distance_transform_edt(unknown, return_distances=False, return_indices=True)
+    filled = means[tuple(nearest)]
+    middles = filled - ndimage.laplace(filled, mode="nearest") / 24.0
+    z = ndimage.map_coordinates(middles, (row, column), order=3, mode="nearest")
+    lost = ndimage.map_coordinates(unknown.astype(np.float64), (row, column), order=1)
+    return np.where(lost > 0, np.nan, z)
 
 
 def _endless(heights: CellHeights) -> CellHeights:
