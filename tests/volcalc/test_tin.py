@@ -134,6 +134,6 @@ def test_heights_at_places_are_those_of_a_paraboloid_of_which_cell_means_are_kno
     row, column = rng.uniform(12, 28, 500), rng.uniform(18, 38, 500)
     found = _at_places(means, row, column)
     exact = 5000.0 + a * column**2 + b * row**2 + 0.2 * column
-    # The spline's ends, and the edge of what is known, are felt less with each cell by a factor 3.7.
+    # What the edges of what is known make of the spline falls by a factor of 3.7 with each cell.
     assert np.abs(found - exact).max() < 1e-5
     assert np.isnan(_at_places(means, np.array([20.0]), np.array([2.0]))).all()
