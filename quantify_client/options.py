@@ -268,10 +268,11 @@ class Options:
     base: Optional[Union[str, float]] = _option(
         None,
         f"the surface that volumes are measured from (default {DEFAULT_BASE}); vertices: between "
-        "the elevations of the outline's corners; volume also takes a FILE: another survey, or a "
-        "design surface (LandXML, DXF)",
+        "the elevations of the outline's corners; ground: points of class 2, or what a filter "
+        "takes for ground; volume also takes a FILE: another survey, or a design surface "
+        "(LandXML, DXF)",
         TERRAIN,
-        choices=(*BASES, "compare", "vertices"),
+        choices=(*BASES, "compare", "vertices", "ground"),
         metavar="ELEVATION",
         goes_with="terrain",
         **_ELEVATION,

@@ -105,7 +105,7 @@ def test_keywords_of_the_other_functions_are_options_too(function):
 
 
 def test_choices_are_what_the_stages_know():
-    assert OPTIONS["base"].choices == (*BASES, "compare", "vertices")
+    assert OPTIONS["base"].choices == (*BASES, "compare", "vertices", "ground")
     assert sorted(BASES) == sorted([KRIGED, *SURFACES])
     assert OPTIONS["scale_mode"].choices == tuple(MODES)
     assert OPTIONS["slices"].most == MAX_SLICES
@@ -157,7 +157,7 @@ def test_density_is_a_number_or_a_text(given, density, sigma):
         ({"slices": 10_001}, "give auto or 1 to 10000"),
         ({"max_gap": [1]}, r"--max-gap is \[1\]; give a length above 0"),
         ({"max_gap": "x" * 1000}, f"--max-gap is {'x' * 100}; give"),
-        ({"base": float("inf")}, "vertices or an elevation"),
+        ({"base": float("inf")}, "ground or an elevation"),
         ({"threads": 257}, "give a number from 1 to 256"),
         ({"density": "1.6:"}, "the sigma of --density is ''; give"),
         ({"density": 1600.0}, "for 1600 kg/m3 give 1.6"),

@@ -37,6 +37,7 @@ OFF_THE_MAP = "coordinate beyond any map"
 NODATA, VOID = "nodata", "nodata beyond any map"
 NO_PLACE = "NaN in all coordinates"
 NOT_FINITE = "NaN or infinite coordinate"
+_GROUND = 2  # ASPRS
 _IS_NOISE = np.isin(np.arange(256), (7, 18))  # ASPRS: low point (noise) and high noise
 _VOID_FROM, _VOID_TO = 1e20, 3.5e38  # what rasters have for no height: 1e20 (CF), 9.97e36 (netCDF),
 # 1.70141e38 (Surfer), 3.4028e38 of either sign (the largest float32: ESRI, GDAL)
@@ -82,6 +83,18 @@ class CloudWrapper:
         return self._cloud.faces() if isinstance(self._cloud, Mesh) else None
 
 
+class GroundOnly(CloudWrapper):
+    """A cloud without the points that are not of the class of ground."""
+
+    def chunks(self, window: Optional[Window] = None, size: int = DEFAULT_CHUNK) -> Iterator[Chunk]:
+        """Deliver the points of that class: none where the cloud has no classes."""
+        for chunk in self._cloud.chunks(window, size):
+            ground = np.zeros(len(chunk), dtype=bool)
+            if chunk.classes is not None:
+                ground = chunk.classes == _GROUND
+            yield Chunk(chunk.x[ground], chunk.y[ground], chunk.z[ground])
+
+
 def measurable(
     x: FloatArray,
     y: FloatArray,
@@ -115,7 +128,7 @@ def measurable(
         unwanted[WITHHELD] = withheld
     on_map = _all_on_map(x, y, z)
     if on_map and not any(marked.any() for marked in unwanted.values()):
-        return Chunk(x, y, z)
+        return Chunk(x, y, z, classes=classes)
     if not on_map:
         unwanted.update(_off_the_map(x, y, z))
     keep = np.ones(len(x), dtype=bool)
@@ -125,7 +138,8 @@ def measurable(
         if count:
             left_out[reason] = count
         keep &= ~marked
-    return Chunk(x[keep], y[keep], z[keep], left_out, keep)
+    own = None if classes is None else classes[keep]
+    return Chunk(x[keep], y[keep], z[keep], left_out, keep, own)
 
 
 def _off_the_map(x: FloatArray, y: FloatArray, z: FloatArray) -> Dict[str, npt.NDArray[np.bool_]]:
@@ -202,7 +216,9 @@ def _join(chunks: List[Chunk]) -> Chunk:
     for chunk in chunks:
         left_out.update(chunk.left_out)
     x, y, z = (np.concatenate([getattr(chunk, axis) for chunk in chunks]) for axis in "xyz")
-    return Chunk(x, y, z, dict(left_out))
+    each = [chunk.classes for chunk in chunks if chunk.classes is not None]
+    classes = np.concatenate(each) if len(each) == len(chunks) else None
+    return Chunk(x, y, z, dict(left_out), classes=classes)
 
 
 def count_and_bounds(chunks: Iterable[Chunk]) -> Tuple[int, Optional[Bounds]]:

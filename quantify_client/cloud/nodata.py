@@ -93,7 +93,9 @@ class WithoutPlaceholders(CloudWrapper):
         left_out.update({AT_ORIGIN: int(origin.sum()), NODATA: int(void.sum())})
         kept = np.ones(len(chunk), dtype=bool) if chunk.kept is None else chunk.kept.copy()
         kept[kept] = ~lost
-        return Chunk(chunk.x[~lost], chunk.y[~lost], chunk.z[~lost], dict(+left_out), kept)
+        classes = None if chunk.classes is None else chunk.classes[~lost]
+        x, y, z = (values[~lost] for values in (chunk.x, chunk.y, chunk.z))
+        return Chunk(x, y, z, dict(+left_out), kept, classes)
 
 
 def _is_any(values: FloatArray, wanted: Sequence[float]) -> npt.NDArray[np.bool_]:

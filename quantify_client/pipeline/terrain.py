@@ -23,6 +23,7 @@ from typing import (
 import shapely
 
 from ..areas.read import Area, far_corner_problem
+from ..cloud.base import GroundOnly
 from ..crs import Frame
 from ..errors import QuantifyError, SupportError, UsageError
 from ..options import AUTO, DEFAULT_BASE, proposes
@@ -32,6 +33,7 @@ from ..volcalc.terrain.accumulate import AreaPoints, TerrainAccumulator
 from ..volcalc.terrain.grid_offsets import measure_area
 from ..volcalc.terrain.measure import TerrainRecipe
 from ..volcalc.terrain.outline import CloudOutline, cloud_outline, core_window, height_quantiles
+from ..volcalc.terrain.seen_ground import GROUND
 from ..volcalc.terrain.toe import polygonal
 from .areas import cloud_window, drawn_areas
 from .common import (
@@ -69,6 +71,13 @@ _ACCURACY_IGNORED = Notice(
     "accuracy-ignored",
     "--accuracy is that of a closed mesh, and terrain is measured from points: it has no effect; "
     "leave it out, or give --shape object",
+)
+
+
+_FILTERED = Notice(
+    "ground-filtered",
+    "no point of the areas is of class 2 (ground): what lies on the surface that a morphological "
+    "filter finds was taken for ground; classify the cloud for another choice",
 )
 
 
@@ -131,6 +140,8 @@ def measure_areas(
     given = None if base_in is None else base_in(source, frame)
     box = bounds_in_frame(source, frame)
     batches: Iterable[Dict[int, _AreaSite]]
+    if options.base == GROUND and proposes(options.area):
+        raise UsageError("--base ground goes with areas that were drawn: not with --area auto")
     if options.toe is not None and (options.area is None or proposes(options.area)):
         raise UsageError("--toe moves outlines that were drawn; give them by --area")
     if options.area is None:
@@ -150,7 +161,7 @@ def measure_areas(
         warnings = [*drawn.areas.warnings, *parts.warnings()]
         if parts.whole is not None:
             warnings += _far_away(parts.whole.lost)
-        batches = _sites(source, frame, parts, box, options, report)
+        batches = _sites(source, frame, parts, box, options, report, warnings)
     if options.accuracy is not None:
         warnings.append(_ACCURACY_IGNORED)
     base = placed_level(frame, options, options.base, cloud_window(source, frame))
@@ -182,6 +193,33 @@ def measure_areas(
     return replace(measurement, proposals=tuple(proposals))
 
 
+def _with_ground(
+    points: Sequence[AreaPoints],
+    source: Source,
+    frame: Frame,
+    box: Bounds,
+    options: Options,
+    report: Progress,
+    warnings: List[str],
+) -> Sequence[AreaPoints]:
+    """Return the points of areas with those among them that are ground, where that is the base.
+
+    The cloud is read again for them, so that nothing of another base depends on classes. Where no
+    point there is of that class, `warnings` gets one.
+    """
+    if options.base != GROUND or not points:
+        return points
+    accumulator = TerrainAccumulator([one.box for one in points], nearest_to_zero(box))
+    threads = thread_count(options.threads)
+    accumulate(GroundOnly(source.cloud, source.cloud.info), frame, accumulator, threads, report)
+    # They are fewer than all points: no area of these has to wait.
+    found = [accumulator.points_of(number).cubes for number in range(len(points))]
+    if not any(len(cubes.count) for cubes in found):
+        warnings.append(_FILTERED)
+        return points
+    return [replace(one, ground=cubes) for one, cubes in zip(points, found)]
+
+
 def _levels(source: Source, frame: Frame, options: Options) -> Optional[Sequence[float]]:
     """Return the levels of stage curves in the frame: none for automatic ones; None without."""
     if options.stage is None or options.stage == AUTO:
@@ -197,6 +235,7 @@ def _sites(
     box: Bounds,
     options: Options,
     report: Progress,
+    warnings: List[str],
 ) -> Iterator[Dict[int, _AreaSite]]:
     """Yield all areas with their points, by number: as many at a time as memory holds.
 
@@ -225,11 +264,13 @@ def _sites(
         boxes = [Window(*polygon.bounds).grown(_reach(polygon, options)) for polygon in polygons]
         accumulator = TerrainAccumulator(boxes, nearest_to_zero(box))
         left_out = accumulate(source.cloud, frame, accumulator, threads, report)
-        yield {
-            number: site_of(number, accumulator.points_of(place), left_out)
+        found = {
+            number: accumulator.points_of(place)
             for place, number in enumerate(numbers)
             if place not in accumulator.postponed
         }
+        points = _with_ground(list(found.values()), source, frame, box, options, report, warnings)
+        yield {number: site_of(number, one, left_out) for number, one in zip(found, points)}
 
 
 def _whole(
@@ -238,8 +279,10 @@ def _whole(
     """Return the whole cloud, without distant outliers, with its outline; and warnings."""
     whole = read_whole(source, frame, box, options, report)
     outline = cloud_outline(whole.points)
-    area = _AreaSite(source.stem, outline.polygon, whole.points, whole.left_out)
-    return area, [*_far_away(whole.lost), *_outsiders(outline)]
+    told: List[str] = []
+    (points,) = _with_ground([whole.points], source, frame, box, options, report, told)
+    area = _AreaSite(source.stem, outline.polygon, points, whole.left_out)
+    return area, [*_far_away(whole.lost), *_outsiders(outline), *told]
 
 
 def _over(given: Given, site: _AreaSite) -> _AreaSite:

@@ -81,6 +81,8 @@ class Chunk:
         (``"noise class"``, ``"withheld"``, ...).
     kept : (M,) bool
         Which of the points that were read these are; None for all, or where it is not known.
+    classes : (N,) uint8
+        ASPRS classes of the points; None where the cloud has none.
     """
 
     x: FloatArray
@@ -88,6 +90,7 @@ class Chunk:
     z: FloatArray
     left_out: Mapping[str, int] = field(default_factory=dict)
     kept: Optional[npt.NDArray[np.bool_]] = None
+    classes: Optional[npt.NDArray[np.uint8]] = None
 
     def __len__(self) -> int:
         return len(self.x)

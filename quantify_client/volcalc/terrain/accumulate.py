@@ -54,6 +54,7 @@ class AreaPoints:
     around : (K, 3) float64, some real points up to the area's longer side away, evenly spread;
         those over the area are among them.
     other : a second survey of the area, where it is compared with one.
+    ground : those of the points that are ground, where they are wanted and told.
     """
 
     box: Window
@@ -61,6 +62,7 @@ class AreaPoints:
     sample: FloatArray
     around: FloatArray
     other: Optional[OtherSurvey] = None
+    ground: Optional[Cubes] = None
 
     @property
     def origin(self) -> Tuple[float, float]:
@@ -121,6 +123,7 @@ class AreaPoints:
             sample=self.sample + np.array([x, y, 0.0]),
             around=self.around + np.array([x, y, 0.0]),
             other=self.other and self.other.shifted(east, north),
+            ground=self.ground and self.ground.shifted(east, north),
         )
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Callable, Mapping, Sequence, Union
+from typing import TYPE_CHECKING, Callable, Mapping, Sequence, Union
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +28,9 @@ from .membrane import stretch
 from .rim import Rim
 from .robust import plane_through
 
+if TYPE_CHECKING:
+    from .surface import AreaSurface
+
 __all__ = ["BASES", "KRIGED", "SURFACES", "Base", "make_base"]
 
 
@@ -41,16 +44,20 @@ class Base:
     z : (ny, nx) float64, metres; NaN outside the area.
     rim : that the base is drawn through; None for an elevation, `kriged` and a given surface.
     given : the surface that was given, if one was.
+    seen : the ground that is seen within the area, where that is the base.
     """
 
     name: Union[str, float]
     z: FloatArray
     rim: Rim | None
     given: GivenBase | None = None
+    seen: AreaSurface | None = None
 
     @property
     def is_ground(self) -> bool:
-        """Whether it stands for the ground under the area."""
+        """Whether it stands for ground under the area that is predicted from that around it."""
+        if self.seen is not None:
+            return False
         return isinstance(self.name, str) if self.given is None else self.given.is_ground
 
 

@@ -98,6 +98,10 @@ def _survey_and_base(weights: FloatArray, volume: CutFill) -> tuple[FloatArray, 
     noise = volume.surface.noise
     direct = onto_measured(weights, volume.surface)
     hidden = _hidden_outliers(direct, volume.surface)
+    if volume.base.seen is not None:
+        # Both are the same survey's: what errors neighbours share is in both.
+        survey = functional_std(direct, replace(noise, correlated=0.0))
+        return np.hypot(survey, hidden), _seen_error(weights, volume.base.seen)
     if not volume.base.is_ground:
         survey = functional_std(direct, noise)
         return np.hypot(survey, hidden), _given_error(weights, volume)
@@ -111,6 +115,12 @@ def _given_error(weights: FloatArray, volume: CutFill) -> FloatArray:
     if given is None:
         return np.zeros(len(weights))
     return given.errors(*volume.surface.heights.window.middles(inside), weights[:, inside])
+
+
+def _seen_error(weights: FloatArray, seen: AreaSurface) -> FloatArray:
+    """Return the error of ground that is seen in sums of weights, (K,) m3: of noise and gaps."""
+    noise = functional_std(onto_measured(weights, seen), replace(seen.noise, correlated=0.0))
+    return np.hypot(noise, _coverage(seen, weights > 0))
 
 
 def _hidden_outliers(weights: FloatArray, surface: AreaSurface) -> FloatArray:

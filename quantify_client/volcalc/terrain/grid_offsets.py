@@ -28,6 +28,7 @@ from .histogram import Cubes
 from .layers import find_layers
 from .measure import Measured, Sides, TerrainRecipe, measure_sides, measure_terrain
 from .outlying import mark_outliers
+from .seen_ground import GROUND, ground_cubes
 from .toe import moved_to_toe, polygonal
 from .warnings import OUTLINE_ON_PILE, warnings_of
 
@@ -99,6 +100,8 @@ def _in_cells(
     bounds = Window(*polygon.bounds)
     cubes, layers = find_layers(mark_outliers(cubes, bounds), polygon)
     points = replace(points, cubes=mark_layers(cubes, bounds))
+    if recipe.base == GROUND:
+        points = replace(points, ground=ground_cubes(points, polygon))
     return measure_terrain(name, polygon, points, recipe, layers), points
 
 

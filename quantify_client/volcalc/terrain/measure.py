@@ -27,6 +27,7 @@ from .layers import NO_LAYERS, Layers
 from .profiles import beside_walls, off_ground
 from .rim import Crossing, Rim, bridge_crossings
 from .robust import MAD, SURE, quantile
+from .seen_ground import GROUND, ground_surface
 from .stage_curve import StageCurve, stage_curve
 from .surface import AreaSurface, CutFill, Second, find_surface, over_base
 from .tin import tin_check
@@ -72,7 +73,9 @@ class TerrainRecipe:
     def on_ground(self) -> bool:
         """Whether the base stands for the ground under the area."""
         base = self.base
-        return base.is_ground if isinstance(base, GivenBase) else isinstance(base, str)
+        if isinstance(base, GivenBase):
+            return base.is_ground
+        return isinstance(base, str) and base != GROUND
 
     def shifted(self, x: float, y: float) -> TerrainRecipe:
         """Return it for the area moved in plan."""
@@ -210,7 +213,11 @@ def _surface(
         return find_difference(
             polygon, points.cubes, points.other, recipe.ground_factor, recipe.layer
         )
-    return find_surface(polygon, points.cubes, recipe.ground_factor, recipe.layer, walled=walled)
+    found = find_surface(polygon, points.cubes, recipe.ground_factor, recipe.layer, walled=walled)
+    if recipe.base != GROUND or points.ground is None:
+        return found
+    ground = ground_surface(polygon, points.ground, recipe.ground_factor)
+    return replace(found, seen_ground=ground)
 
 
 def _bases(recipe: TerrainRecipe) -> Sequence[BaseOf]:
@@ -231,6 +238,10 @@ def _cut_and_fill(
     """
     if surface.second is not None:
         return over_base(surface, _earlier(surface, surface.second, ground), ground, noise), []
+    if surface.seen_ground is not None:
+        seen = surface.seen_ground
+        base = Base(GROUND, seen.filled, None, seen=seen)
+        return over_base(surface, base, ground, noise), []
     rim: Rim | None = None
     crossings: list[Crossing] = []
     if base_name != KRIGED or ground is None:

@@ -73,6 +73,7 @@ class AreaSurface:
     ground_factor : grid length / ground length at the site.
     second : what it is measured on, if that is a survey: `heights` are then those over it, and so
         is their noise.
+    seen_ground : what of it is ground, where that is its base.
     """
 
     polygon: Polygon | MultiPolygon
@@ -86,6 +87,7 @@ class AreaSurface:
     at_walls: tuple[FloatArray, FloatArray] | None
     ground_factor: float
     second: Second | None = None
+    seen_ground: AreaSurface | None = None
 
     @property
     def cell(self) -> float:
