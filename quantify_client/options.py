@@ -30,6 +30,7 @@ __all__ = [
     "Option",
     "Options",
     "choose_shape",
+    "for_objects",
     "proposes",
     "read_options",
 ]
@@ -507,6 +508,12 @@ def proposes(area: Any) -> bool:
     return isinstance(area, str) and area == AUTO
 
 
+def for_objects(options: Options) -> List[str]:
+    """Return which of the options that were given say that an object is measured."""
+    named = _for(options.given(), "object", "section", "polar")
+    return [name for name in named if name != "accuracy"]
+
+
 def _for(names: Iterable[str], *purposes: str) -> List[str]:
     """Return which of some options go with something."""
     return [name for name in names if OPTIONS[name].goes_with in purposes]
@@ -541,8 +548,7 @@ def choose_shape(options: Options, *, has_crs: bool, is_odm: bool) -> str:
         raise UsageError(f"{_go('terrain')} with --shape terrain: leave one of them out")
     if shape == "auto":
         likely_terrain = for_terrain or options.area is not None or has_crs or is_odm
-        decided = [name for name in for_object if name != "accuracy"]
-        shape = "terrain" if likely_terrain and not decided else "object"
+        shape = "terrain" if likely_terrain and not for_objects(options) else "object"
     if shape == "object" and options.area is not None:
         raise UsageError("--area goes with --shape terrain: an object is measured whole")
     return shape

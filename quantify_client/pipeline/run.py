@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Mapping, Optional, Sequence, Tuple, Union
 
 from ..crs import Frame, measuring_frame
-from ..errors import UsageError
-from ..options import OPTIONS, Options, choose_shape, proposes, read_options
+from ..errors import SupportError, UsageError
+from ..options import AUTO, OPTIONS, Options, choose_shape, proposes, read_options
 from ..sfm.servers.access import Access
 from ..source import Source, file_of, is_address, open_source
-from ..types import SCHEMA, Floor, Measurement
+from ..types import SCHEMA, Floor, Measurement, Notice
 from .accounting import every_point, left_out, losses
 from .checking import with_check_warnings
 from .common import cloud_warnings, coordinates_of, provenance
@@ -267,9 +267,30 @@ def _measured_in(
         from .terrain import measure_areas
 
         return measure_areas(source, frame, options, report, base_in)
-    from .body import measure_whole_body
+    from .body import HeapFoundError, measure_whole_body
 
-    return measure_whole_body(source, frame, options, report)
+    try:
+        return measure_whole_body(source, frame, options, report)
+    except HeapFoundError as heap:
+        share = heap.share
+    from .terrain import measure_areas
+
+    terrain = replace(options, shape="terrain")
+    try:
+        found = measure_areas(source, frame, replace(terrain, area=AUTO), report)
+    except SupportError:  # nothing that an outline could be drawn around
+        found = measure_areas(source, frame, terrain, report)
+    return replace(found, warnings=(*found.warnings, _taken_for_terrain(share)))
+
+
+def _taken_for_terrain(share: float) -> Notice:
+    return Notice(
+        "taken-for-terrain",
+        f"{share:.0%} of what stands on the ground is seen from above, and the ground goes on "
+        "around it: a heap, measured as terrain in the outline that was found (--area auto); "
+        "--shape object measures it as a body",
+        share=share,
+    )
 
 
 def describe(
@@ -303,7 +324,7 @@ def _described(source: Source, source_unit: Optional[str], report: Progress) -> 
         spacing = math.sqrt(ground / info.point_count)
     shape = choose_shape(Options(), has_crs=frame.crs is not None, is_odm=source.is_odm)
     is_object = bounds is not None and shape == "object"
-    floor, notes = _standing(source, frame, report) if is_object else (None, ())
+    floor, notes, is_heap = _standing(source, frame, report) if is_object else (None, (), False)
     count = _MOST_READ if is_address(source.label) else info.point_count or 0
     lost = losses([left_out(source.cloud)]) if count < _MOST_READ else ()
     return {
@@ -320,7 +341,7 @@ def _described(source: Source, source_unit: Optional[str], report: Progress) -> 
         "faces": info.faces,
         "bounds": bounds and asdict(bounds),
         "mean_spacing_m": spacing,
-        "shape": shape,
+        "shape": "terrain" if is_heap else shape,
         "floor": floor and asdict(floor),
         "warnings": [*cloud_warnings(source, frame), *lost, *notes],
     }
@@ -328,11 +349,12 @@ def _described(source: Source, source_unit: Optional[str], report: Progress) -> 
 
 def _standing(
     source: Source, frame: Frame, report: Progress
-) -> Tuple[Optional[Floor], Tuple[str, ...]]:
-    """Return what a body stands on, which one that its faces close does not; and warnings."""
+) -> Tuple[Optional[Floor], Tuple[str, ...], bool]:
+    """Return what a body stands on, unless its faces close it; warnings; whether it is a heap."""
     from .body import ByFaces, find_floor, measure_faces
 
     faces = measure_faces(source, frame, Options(), report)
     if isinstance(faces, ByFaces):
-        return None, faces.warnings
-    return find_floor(source, frame, report), faces
+        return None, faces.warnings, False
+    floor, is_heap = find_floor(source, frame, report)
+    return floor, faces, is_heap

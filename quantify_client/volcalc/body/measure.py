@@ -16,11 +16,12 @@ from ..body_slices import CONVERGENCE, TERRAIN_ONLY, BodyRecipe, slab_edges, sli
 from .enclose import Enclosed, Open, enclose
 from .estimate import RESAMPLED, Estimate, closing_std, estimate, hidden_volume, is_same_body
 from .floor import Standing, on_lowest_points, stand
+from .heap import seen_from_above
 from .occupancy import cover, occupancy_volume
 from .voxels import Thinned
 from .warnings import body_warnings, why_open
 
-__all__ = ["floor_of", "measure_body"]
+__all__ = ["floor_of", "measure_body", "share_from_above"]
 
 #: A surface bulges beyond its points only a little where they show its shape. A volume of more than
 #: this many boxes round all points is wrong.
@@ -96,6 +97,12 @@ def floor_of(cloud: Thinned) -> Optional[Floor]:
     """Return the floor that ``floor="auto"`` finds in a cloud, None where there is none."""
     local = _LocalFrame.of(cloud, 1.0)
     return local.in_frame(stand(local.apply(cloud.points), cloud.counts, "auto").floor)
+
+
+def share_from_above(cloud: Thinned) -> Optional[float]:
+    """Return which share of what stands on ground in a cloud is seen from above; None without."""
+    local = _LocalFrame.of(cloud, 1.0)
+    return seen_from_above(stand(local.apply(cloud.points), cloud.counts, "auto"))
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,39 @@
+"""Whether a cloud shows a heap on its ground, which is terrain, and no body."""
+
+from __future__ import annotations
+
+import math
+from typing import Optional
+
+import numpy as np
+
+from .floor import Standing
+from .spacing import spacings
+
+__all__ = ["seen_from_above"]
+
+#: Side of the squares in which points are compared, in spacings.
+_SIDE = 2.0
+
+#: A surface steeper than this is a wall or overhangs: loose material lies at 30 to 40 degrees.
+_STEEP = math.radians(60.0)
+
+
+def seen_from_above(standing: Standing) -> Optional[float]:
+    """Return which share of what stands on the ground is seen from above; None without ground.
+
+    A point is not seen where, within a square of two spacings, another one lies higher than a slope
+    of 60 degrees would have it: below an overhang, or on a wall.
+    """
+    points = standing.points
+    if standing.pose is None or len(points) < 2 or not standing.ground_count:
+        return None
+    side = _SIDE * float(np.median(spacings(points)))
+    place = np.floor((points[:, :2] - points[:, :2].min(axis=0)) / side).astype(np.int64)
+    _, square = np.unique(place, axis=0, return_inverse=True)
+    square = square.ravel()
+    top = np.full(int(square.max()) + 1, -np.inf)
+    np.maximum.at(top, square, points[:, 2])
+    # Across the diagonal of a square, a slope may rise by this much.
+    rise = math.sqrt(2.0) * side * math.tan(_STEEP)
+    return float(np.average(points[:, 2] >= top[square] - rise, weights=standing.counts))

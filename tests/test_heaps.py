@@ -1,0 +1,90 @@
+"""Heaps on their floors in clouds without a CRS: terrain or bodies, and what both give."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import quantify_client
+from quantify_client.volcalc.body.floor import stand
+from quantify_client.volcalc.body.heap import seen_from_above
+
+from clouds import write_ply  # isort: skip
+
+
+def floor(half, count, rng, under=None):
+    x, y = rng.uniform(-half, half, (2, count))
+    seen = np.ones(count, dtype=bool) if under is None else ~under(x, y)
+    return np.column_stack([x, y, np.zeros(count)])[seen]
+
+
+def heap(count, half, radius, height, noise, seed=0):
+    rng = np.random.default_rng(seed)
+    x, y = rng.uniform(-half, half, (2, count))
+    z = np.maximum(0.0, height * (1.0 - np.hypot(x, y) / radius))
+    return np.column_stack([x, y, z + rng.normal(0.0, noise, count)])
+
+
+def ball(count, radius, rng):
+    points = rng.normal(size=(count, 3))
+    return points * (radius / np.linalg.norm(points, axis=1))[:, None] + [0.0, 0.0, radius]
+
+
+def cube(count, side, rng):
+    """The four walls and the top of a cube that stands on the floor."""
+    face, u, v = rng.integers(0, 5, count), rng.uniform(0, side, count), rng.uniform(0, side, count)
+    far = np.where(face % 2, side, 0.0)
+    x = np.where(face < 2, far, u)
+    y = np.where(face < 2, u, np.where(face < 4, far, v))
+    return np.column_stack([x, y, np.where(face == 4, side, v)])
+
+
+def share(points):
+    return seen_from_above(stand(points, np.ones(len(points), dtype=np.int64), "auto"))
+
+
+HEAPS = [(0.45, 0.25, 0.12, 0.0), (0.45, 0.25, 0.12, 0.004), (20, 8, 4, 0.05), (20, 10, 1.5, 0.03)]
+
+
+@pytest.mark.parametrize("form", HEAPS)
+def test_a_heap_is_seen_from_above(form):
+    assert share(heap(60_000, *form)) > 0.99
+
+
+def test_bodies_on_a_floor_are_not():
+    rng = np.random.default_rng(3)
+    under = floor(3.0, 20_000, rng, lambda x, y: np.hypot(x, y) < 0.4)
+    for noise in (0.0, 0.01):
+        points = ball(20_000, 1.0, rng)
+        body = points + rng.normal(0.0, noise, points.shape) if noise else points
+        assert share(np.vstack([body, under])) < 0.6
+    around = floor(5.0, 40_000, rng, lambda x, y: (x > 0) & (x < 1) & (y > 0) & (y < 1))
+    assert share(np.vstack([cube(20_000, 1.0, rng), around])) < 0.6
+    assert share(ball(20_000, 1.0, rng)) is None
+
+
+@pytest.mark.parametrize("form", HEAPS)
+def test_a_heap_without_a_crs_is_measured_as_terrain_and_told(form, tmp_path):
+    half, radius, height, noise = form
+    path = write_ply(tmp_path / "heap.ply", heap(70_000, *form))
+    found = quantify_client.measure(path, source_unit="m")
+    (result,) = found.results
+    truth = math.pi * radius**2 * height / 3.0
+    low, high = result.interval95_m3
+    assert found.shape == "terrain"
+    assert low < truth < high
+    assert result.volume_m3 == pytest.approx(truth, rel=0.003 if noise else 1e-3)
+    told = [notice for notice in found.warnings if notice.code == "taken-for-terrain"]
+    assert "--shape object measures it as a body" in told[0]
+    assert quantify_client.describe(path, source_unit="m")["shape"] == "terrain"
+
+
+def test_a_ball_on_its_floor_stays_a_body(tmp_path):
+    rng = np.random.default_rng(1)
+    under = floor(3.0, 20_000, rng, lambda x, y: np.hypot(x, y) < 0.4)
+    path = write_ply(tmp_path / "ball.ply", np.vstack([ball(20_000, 1.0, rng), under]))
+    found = quantify_client.measure(path, source_unit="m")
+    assert found.shape == "object"
+    assert found.results[0].volume_m3 == pytest.approx(4.0 * math.pi / 3.0, rel=0.01)
