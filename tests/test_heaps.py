@@ -9,6 +9,7 @@ import pytest
 
 import quantify_client
 from quantify_client.volcalc.body.floor import stand
+from quantify_client.volcalc.body.foot import Foot
 from quantify_client.volcalc.body.heap import seen_from_above
 
 from clouds import write_ply  # isort: skip
@@ -88,3 +89,46 @@ def test_a_ball_on_its_floor_stays_a_body(tmp_path):
     found = quantify_client.measure(path, source_unit="m")
     assert found.shape == "object"
     assert found.results[0].volume_m3 == pytest.approx(4.0 * math.pi / 3.0, rel=0.01)
+
+
+@pytest.mark.parametrize("form", HEAPS[:3])
+def test_a_heap_measured_as_a_body_is_right_as_well(form, tmp_path):
+    _, radius, height, _ = form
+    path = write_ply(tmp_path / "heap.ply", heap(70_000, *form))
+    (result,) = quantify_client.measure(path, source_unit="m", shape="object").results
+    truth = math.pi * radius**2 * height / 3.0
+    low, high = result.interval95_m3
+    assert low < truth < high
+    assert result.volume_m3 == pytest.approx(truth, rel=0.01)
+    assert sum(piece.volume_m3 for piece in result.slices) == pytest.approx(result.volume_m3)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_the_foot_of_bodies_goes_on_to_the_floor(noise, tmp_path):
+    rng = np.random.default_rng(7)
+    ground = floor(3.0, 20_000, rng, lambda x, y: np.hypot(x, y) < 0.4)
+    square = floor(3.0, 20_000, rng, lambda x, y: (x > 0) & (x < 1) & (y > 0) & (y < 1))
+    bodies = [
+        (ball(20_000, 1.0, rng), ground, 4.0 * math.pi / 3.0),
+        (cube(20_000, 1.0, rng), square, 1.0),
+    ]
+    for number, (body, around, truth) in enumerate(bodies):
+        points = np.vstack([body, around])
+        path = tmp_path / f"{number}.ply"
+        write_ply(path, points + rng.normal(0.0, noise, points.shape) if noise else points)
+        (result,) = quantify_client.measure(path, source_unit="m", shape="object").results
+        assert result.volume_m3 == pytest.approx(truth, rel=0.004)
+        assert abs(result.volume_m3 - truth) < 3.0 * result.std_m3
+
+
+def test_the_volume_of_a_foot_is_that_of_its_form():
+    cone = Foot(top=2.0, width=3.0, rise=-1.0)  # widths 5 to 3 over 2 m: frustum of a pyramid
+    assert cone.volume == pytest.approx(2.0 * (25 + 15 + 9) / 3.0)
+    assert cone.below(np.array([0.0, 1.0]))[1] == pytest.approx((25 + 20 + 16) / 3.0)
+    upright = Foot(top=2.0, width=3.0, rise=0.0)
+    assert upright.below(np.array([0.5, 2.0])) == pytest.approx([4.5, 18.0])
+    overhang = Foot(top=2.0, width=3.0, rise=1.0, area_rise=6.0)  # nothing below 0.5 m
+    assert overhang.volume == pytest.approx(9.0 * 1.5 / 2.0)
+    assert overhang.below(np.array([0.4, 1.0])) == pytest.approx([0.0, 3.0 * 0.5 / 2.0])
+    tip = Foot(top=2.0, width=1.0, rise=1.0)  # a pyramid on its tip, which is at 1 m
+    assert tip.volume == pytest.approx(1.0 / 3.0)

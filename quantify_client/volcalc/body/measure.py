@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Optional, Tuple, Union
+from typing import Callable, Optional, Tuple, Union
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +16,7 @@ from ..body_slices import CONVERGENCE, TERRAIN_ONLY, BodyRecipe, slab_edges, sli
 from .enclose import Enclosed, Open, enclose
 from .estimate import RESAMPLED, Estimate, closing_std, estimate, hidden_volume, is_same_body
 from .floor import Standing, on_lowest_points, stand
+from .foot import SOUND, Foot, find_foot
 from .heap import seen_from_above
 from .occupancy import cover, occupancy_volume
 from .voxels import Thinned
@@ -60,8 +61,12 @@ def measure_body(name: str, cloud: Thinned, recipe: BodyRecipe) -> AreaResult:
         )
     local = _LocalFrame.of(cloud, recipe.ground_factor)
     standing, body = _enclosed(local, cloud, recipe)
-    hidden, hidden_std = hidden_volume(standing, body)
-    found = _estimate(standing, body, recipe)
+    unseen, hidden_std = hidden_volume(standing, body)
+    foot = find_foot(standing, body, unseen)
+    found = _estimate(standing, body, recipe, foot)
+    hidden = unseen
+    if foot is not None:
+        hidden, hidden_std = foot.volume, math.hypot(hidden_std, foot.std)
     budget = (
         BudgetItem("outline", found.outline_std),
         BudgetItem("sampling", found.sampling_std),
@@ -70,7 +75,8 @@ def measure_body(name: str, cloud: Thinned, recipe: BodyRecipe) -> AreaResult:
     )
     volume, std = found.volume + hidden, math.hypot(*(item.std_m3 for item in budget))
     _require_room(standing, volume - 1.96 * std)
-    scale, zero = found.volume / body.within, local.elevation_of_zero(standing)
+    zero = local.elevation_of_zero(standing)
+    below = _volume_below(standing, body, found.volume, hidden, foot)
     edges, place = _edges(standing, body, recipe), partial(local.place, standing)
     return AreaResult(
         name=name,
@@ -85,10 +91,10 @@ def measure_body(name: str, cloud: Thinned, recipe: BodyRecipe) -> AreaResult:
         points_used=int(standing.counts.sum()),
         points_left_out={"ground": standing.ground_count, "outliers": standing.outlier_count},
         slice_height_m=float(edges[1] - edges[0]),
-        slices=_slices(standing, body, edges, hidden, scale, zero),
-        checks=_checks(standing, body, hidden),
-        warnings=tuple(body_warnings(cloud, standing, body, hidden, volume, place, recipe)),
-        body=_drawn(local, standing, body, edges, hidden, scale),
+        slices=_slices(standing, edges, np.diff(below(edges)), zero),
+        checks=_checks(standing, body, hidden, foot),
+        warnings=tuple(body_warnings(cloud, standing, body, unseen, volume, place, recipe)),
+        body=_drawn(local, standing, body, edges, volume),
         **TERRAIN_ONLY,
     )
 
@@ -155,14 +161,33 @@ def _enclose(points: FloatArray, lid: FloatArray, recipe: BodyRecipe) -> Union[E
     return enclose(np.vstack([points, lid]), hollow=recipe.hollow, max_gap=recipe.max_gap)
 
 
-def _estimate(standing: Standing, body: Enclosed, recipe: BodyRecipe) -> Estimate:
-    """Return the volume within the surface and its error, from all points and from some."""
+def _estimate(
+    standing: Standing, body: Enclosed, recipe: BodyRecipe, foot: Optional[Foot]
+) -> Estimate:
+    """Return the volume within the surface and its error, from all points and from some.
+
+    Above the foot, where there is one: fewer points tell less of what is narrow there.
+    """
+    own = body if foot is None else _above(body, foot.top)
     for every in RESAMPLED:
         some = standing.points[::every]
         again = _enclose(some, standing.lid, recipe) if len(some) >= _FEWEST_AGAIN else Open(())
         if isinstance(again, Enclosed) and is_same_body(body, again):
-            return estimate(body, again, every)
-    return estimate(body, None, 1)
+            if foot is None:
+                return estimate(body, again, every)
+            # As far as the sections of both are sound, and in proportion above the foot.
+            first = again.surface.lowest + SOUND * again.spacing
+            upper, other = _above(body, first), _above(again, first)
+            share = own.within / upper.within if upper.within > 0.5 * own.within else 1.0
+            within = own.within - share * (upper.within - other.within)
+            return estimate(own, replace(again, within=within), every)
+    return estimate(own, None, 1)
+
+
+def _above(body: Enclosed, level: float) -> Enclosed:
+    """Return a body with the volume above a level only."""
+    below = float(body.surface.volume_below(np.array([level]))[0])
+    return replace(body, within=body.within - below)
 
 
 def _require_room(standing: Standing, least: float) -> None:
@@ -183,8 +208,13 @@ def _require_room(standing: Standing, least: float) -> None:
         )
 
 
-def _checks(standing: Standing, body: Enclosed, hidden: float) -> Tuple[Check, ...]:
+def _checks(
+    standing: Standing, body: Enclosed, hidden: float, foot: Optional[Foot]
+) -> Tuple[Check, ...]:
     """Return the volume by cells; none for thin walls and voids, whose skin lies inside."""
+    if foot is not None:
+        # The cells tell nothing of the foot beyond what the sections do.
+        hidden -= body.within - _above(body, foot.top).within
     if body.thin_walled or body.voids > 0.0:
         return ()
     patches = cover(body.patches, body.spacing)
@@ -203,22 +233,33 @@ def _edges(standing: Standing, body: Enclosed, recipe: BodyRecipe) -> FloatArray
     return slab_edges(min(lowest, body.surface.lowest), highest, count)
 
 
-def _slices(
-    standing: Standing,
-    body: Enclosed,
-    edges: FloatArray,
-    hidden: float,
-    scale: float,
-    zero: float,
-) -> Tuple[Slice, ...]:
-    """Return the slices, with the hidden volume spread evenly between the floor and the foot.
+def _volume_below(
+    standing: Standing, body: Enclosed, found: float, hidden: float, foot: Optional[Foot]
+) -> Callable[[FloatArray], FloatArray]:
+    """Return the function that gives the volume below levels.
 
-    ``scale`` makes them sum to the estimate: corrections are shared by volume.
+    Corrections are shared by volume. What is hidden is spread evenly between floor and foot, or is
+    the foot itself.
     """
-    volumes = np.diff(body.surface.volume_below(edges)) * scale
     gap = standing.sure + standing.unsure
-    if hidden > 0.0:
-        volumes += hidden * np.diff(np.clip(edges, 0.0, gap)) / gap
+    top = -math.inf if foot is None else foot.top
+    start = float(body.surface.volume_below(np.array([top]))[0]) if foot is not None else 0.0
+    scale = found / (body.within - start)
+
+    def below(levels: FloatArray) -> FloatArray:
+        within = (body.surface.volume_below(np.maximum(levels, top)) - start) * scale
+        if foot is not None:
+            return np.asarray(within + foot.below(levels))
+        spread = hidden * np.clip(levels, 0.0, gap) / gap if hidden > 0.0 else 0.0
+        return np.asarray(within + spread)
+
+    return below
+
+
+def _slices(
+    standing: Standing, edges: FloatArray, volumes: FloatArray, zero: float
+) -> Tuple[Slice, ...]:
+    """Return the slices."""
     z = np.clip(standing.points[:, 2], edges[0], edges[-1])
     points = np.histogram(z, edges, weights=standing.counts)[0].astype(np.int64)
     return slices_of(edges, volumes, points, zero)
@@ -229,8 +270,7 @@ def _drawn(
     standing: Standing,
     body: Enclosed,
     edges: FloatArray,
-    hidden: float,
-    scale: float,
+    volume: float,
 ) -> Body:
     """Return what the pictures are drawn from."""
     x, y, _ = local.origin.tolist()
@@ -242,7 +282,7 @@ def _drawn(
         ground=_some(standing.ground),
         outlines=body.surface.outlines_between(edges),
         gaps=body.gaps,
-        convergence=tuple((count, volume * scale + hidden) for count, volume in boxes),
+        convergence=tuple((count, sum_ * volume / body.within) for count, sum_ in boxes),
         floor=standing.floor,
     )
 

@@ -1,0 +1,117 @@
+"""The foot of a body on ground: what lies between the ground and its first sound section.
+
+Between a flank and the lid under it space narrows to nothing, and where it is as narrow as the gaps
+between points inside and outside cannot be told apart (`spaces`): beside a flank that leans inwards
+the lowest sections are too small, the more so the flatter it is, and under one that overhangs they
+are too large. Points within the noise of the ground are ground, so that the body begins above it.
+Both are replaced by sections that go on as those above do. Upwards from flanks that lean inwards or
+stand upright, widths (square roots of areas) are linear in height, as in cones, pyramids and
+prisms; under overhangs areas are, as near the foot of a ball.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Optional, Union
+
+import numpy as np
+
+from ...types import FloatArray
+from .enclose import Enclosed
+from .floor import Standing
+
+__all__ = ["SOUND", "Foot", "find_foot"]
+
+#: Sections are sound from this many spacings above the lid on ...
+SOUND = 3.0
+
+#: ... and so many more show how they go on.
+_SHOWN = 4.0
+_LEVELS = 5
+
+#: A body overhangs that is narrower at its foot than above by more than this for each unit of
+#: height: ten degrees.
+_OVERHANG = math.tan(math.radians(10.0))
+
+#: Standard deviation of what was not told from outside, as a share of it.
+_OF_WEDGE = 0.2
+
+
+@dataclass(frozen=True)
+class Foot:
+    """The foot of a body.
+
+    Attributes
+    ----------
+    top : height of the section that it ends at, metres above the ground.
+    width, rise : the square root of that section's area, and how fast it grows with height.
+    area_rise : how fast its area grows with height, under an overhang; else None.
+    std : of the volume, m3.
+    """
+
+    top: float
+    width: float
+    rise: float
+    area_rise: Optional[float] = None
+    std: float = 0.0
+
+    def below(self, level: FloatArray) -> FloatArray:
+        """Return the volume between the ground and levels up to `top`, m3."""
+        level = np.clip(level, 0.0, self.top)
+        if self.area_rise is not None:
+            lost = self.top - np.maximum(level, self._start(self.width**2, self.area_rise))
+            all_of_it = self.top - self._start(self.width**2, self.area_rise)
+            return np.asarray(self._of_areas(all_of_it) - self._of_areas(lost))
+        start = self._start(self.width, self.rise)
+        low = max(self.width - self.rise * (self.top - start), 0.0)
+        h = np.maximum(level - start, 0.0)
+        return np.asarray(low**2 * h + low * self.rise * h**2 + self.rise**2 * h**3 / 3.0)
+
+    def _of_areas(self, depth: Union[float, FloatArray]) -> Union[float, FloatArray]:
+        """Return the volume between the top and some depth below it."""
+        return self.width**2 * depth - (self.area_rise or 0.0) * depth**2 / 2.0
+
+    def _start(self, value: float, rise: float) -> float:
+        """Return the height at which a linear value becomes nothing; 0 where it does not."""
+        return max(0.0, self.top - value / rise) if rise > 0 else 0.0
+
+    @property
+    def volume(self) -> float:
+        """Volume of the whole foot, m3."""
+        return float(self.below(np.array(self.top)))
+
+
+def find_foot(standing: Standing, body: Enclosed, hidden: float) -> Optional[Foot]:
+    """Return the foot of a body on ground, or None where its sections are sound down to there.
+
+    Parameters
+    ----------
+    hidden : volume below the lowest section, if the body is upright there, m3.
+    """
+    if standing.pose is None or not len(standing.lid) or body.thin_walled or body.voids > 0:
+        return None
+    lowest, spacing = body.surface.lowest, body.spacing
+    first = lowest + SOUND * spacing
+    levels = first + np.linspace(0.0, _SHOWN * spacing, _LEVELS)
+    if levels[-1] >= body.surface.highest:
+        return None
+    areas = np.maximum(body.surface.areas(levels), 0.0)
+    rise, width = np.polyfit(levels - first, np.sqrt(areas), 1).tolist()
+    told = float(body.surface.volume_below(np.array([first]))[0]) + hidden
+    if width <= 0:
+        return None
+    foot = Foot(first, width, rise)
+    if rise <= _OVERHANG:
+        # Below what was seen of it, the flank may go on or stand upright.
+        upright = (width - rise * (first - lowest)) ** 2 * lowest
+        other = float(foot.below(np.array(lowest))) - upright
+    else:
+        area_rise, area = np.polyfit(levels - first, areas, 1).tolist()
+        other = foot.volume
+        foot = Foot(first, math.sqrt(max(area, 0.0)), rise, area_rise)
+        other -= foot.volume
+    wedge = foot.volume - told
+    if (wedge <= 0) == (rise <= _OVERHANG):
+        return None
+    return replace(foot, std=math.hypot(other / math.sqrt(12.0), _OF_WEDGE * wedge))
