@@ -2,14 +2,20 @@
 
 Two things are known to be missing from what the surface encloses.
 
-*Facets*: flat triangles between points cut off what bulges and every edge, in proportion to one
-over the number of points. So a surface through a third of the points lacks three times as much,
-and the difference of the two shows how much all lack.
+*Facets*: flat triangles between points cut off what bulges and every edge. A triangle with sides
+a, b, c lies below a surface of curvature k by k (a^2 + b^2 + c^2) / 24 on average (its corners are
+on the surface, the mean square distance from the centre of its circumcircle is that much less than
+at a corner). So what a surface lacks is in proportion to the mean of a^2 + b^2 + c^2 over it, and
+the surface through a third of the points, whose triangles are larger by a ratio that is measured,
+shows how much that through all lacks. Of points at random the ratio is three; evenly spaced points
+(of a grid, or thinned by voxels or to a least distance) have smaller triangles than a third of
+them, which is no longer even, would let expect.
 
 *Noise* moves the surface inwards by its variance times the mean curvature, since the densest part
 of a skin of noise lies inside of its middle, and moves the middle of the skin's outer and inner
-side outwards by as much (Steiner's formula). That middle, too, lacks the facets, nearly all of
-them on a body with edges and half of them on a smooth one.
+side outwards by as much (Steiner's formula). That middle, too, lacks some of the facets: how much
+is told by that of the third in the same way, as far as both are as uneven. That of evenly spaced
+points lacks none.
 
 Two more parts were not seen at all: what lies below the lowest section (`hidden_volume`) and what
 bulged behind a closed opening (`closing_std`).
@@ -23,6 +29,7 @@ from typing import Optional, Tuple
 
 import numpy as np
 
+from ...types import FloatArray
 from .enclose import Enclosed
 from .floor import Standing
 
@@ -34,13 +41,19 @@ RESAMPLED = (3, 2)
 #: A resampled body that differs by more than this share found other walls.
 _SAME = 0.05
 
-#: Share of the facets that the middle of the skin lacks, and what noise does to the surface by
-#: what it does to that middle. Calibrated on bodies of known volume, as are the shares below:
-#: benchmarks/random_bodies.py has others of that kind (docs/method.md).
-_FACETS_OF_MIDDLE = 0.75
+#: What noise does to the surface by what it does to the middle of the skin. Calibrated on bodies of
+#: known volume, as are the shares below: benchmarks/random_bodies.py has others (docs/method.md).
 _NOISE = 1.05
 
-#: Standard deviations, as shares of the two corrections and of half the skin.
+#: Share of the facets that this middle lacks where no fewer points tell.
+_FACETS_OF_MIDDLE = 0.75
+
+#: Points are evenly spaced where the ratio of the triangles is this many times that of points at
+#: random: of points thinned by voxels or to a least distance, and less only with noise.
+_EVEN = 1.55
+
+#: Standard deviations, as shares of the two corrections and of half the skin. Of evenly spaced
+#: points, whose facets may cut off edges or lie along them, the first is twice as large.
 _OF_FACETS = 0.25
 _OF_NOISE = 0.25
 _OF_SKIN = 0.02
@@ -66,24 +79,56 @@ def is_same_body(body: Enclosed, again: Enclosed) -> bool:
     return same and again.thin_walled == body.thin_walled
 
 
-def estimate(body: Enclosed, again: Optional[Enclosed], every: int) -> Estimate:
+def estimate(
+    body: Enclosed, again: Optional[Enclosed], every: int, above: float = -math.inf
+) -> Estimate:
     """Return the volume, corrected for facets and noise.
 
     Parameters
     ----------
     again : the body found from every ``every``-th point; None where that is another one.
+    above : height above which the surface is that between points.
     """
     bulge = 0.5 * (body.outer - body.inner)
     if body.thin_walled:
         return Estimate(body.within, 0.0, 2.0 * _OF_THIN_WALLS * body.skin)
-    lack = -bulge if again is None else (body.within - again.within) / (every - 1)
-    facets = max(0.0, lack)
-    noise = _NOISE * max(0.0, bulge + _FACETS_OF_MIDDLE * facets)
+    if again is None:
+        facets = max(0.0, -bulge)
+        noise = _NOISE * max(0.0, bulge + _FACETS_OF_MIDDLE * facets)
+        return _estimate(body, facets, noise, abs(bulge))
+    ratio = max(float(every), _coarseness(again, above) / _coarseness(body, above))
+    even = min(1.0, (ratio / every - 1.0) / (_EVEN - 1.0))
+    lack = (body.within - again.within) / (ratio - 1.0)
+    of_middle = (bulge - 0.5 * (again.outer - again.inner)) / (ratio - 1.0)
+    noise = _NOISE * max(0.0, bulge + (1.0 - even) * of_middle)
+    return _estimate(body, max(0.0, lack), noise, _OF_FACETS * (1.0 + even) * abs(lack))
+
+
+def _estimate(body: Enclosed, facets: float, noise: float, std: float) -> Estimate:
     return Estimate(
         volume=body.within + facets + noise,
-        sampling_std=(_OF_FACETS if again is not None else 1.0) * abs(lack),
+        sampling_std=std,
         outline_std=math.hypot(_OF_NOISE * noise, _OF_SKIN * body.skin),
     )
+
+
+def _coarseness(body: Enclosed, above: float) -> float:
+    """Return the mean over a surface of the sum of the squares of its triangles' sides, m2.
+
+    Without the triangles that close openings or lie at the foot.
+    """
+    corners = body.surface.corners
+    sums = _sums_of_squares(corners[corners[:, 0, 2] >= above]) - _sums_of_squares(body.patches)
+    return float(sums[1] / sums[0]) if (sums > 0).all() else 1.0
+
+
+def _sums_of_squares(corners: FloatArray) -> FloatArray:
+    """Return the area of triangles (T, 3, 3), and its sum times the squares of their sides."""
+    if not len(corners):
+        return np.zeros(2)
+    sides = corners - np.roll(corners, -1, axis=1)
+    area = 0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    return np.array([area.sum(), (area * (sides**2).sum(axis=(1, 2))).sum()])
 
 
 def hidden_volume(standing: Standing, body: Enclosed) -> Tuple[float, float]:

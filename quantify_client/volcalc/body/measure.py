@@ -180,7 +180,7 @@ def _estimate(
             upper, other = _above(body, first), _above(again, first)
             share = own.within / upper.within if upper.within > 0.5 * own.within else 1.0
             within = own.within - share * (upper.within - other.within)
-            return estimate(own, replace(again, within=within), every)
+            return estimate(own, replace(again, within=within), every, first)
     return estimate(own, None, 1)
 
 
