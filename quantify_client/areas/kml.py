@@ -55,6 +55,7 @@ class _Placemarks(Elements):
         self._name: Optional[str] = None
         self._geometries: Optional[List[Dict[str, Any]]] = None
         self._rings: Optional[List[Any]] = None
+        self._altitude = ""
         self._vertices = 0
 
     def begun(self, name: str, attributes: Mapping[str, str]) -> None:
@@ -64,11 +65,11 @@ class _Placemarks(Elements):
         elif self._geometries is None:
             return
         elif name == "Polygon":
-            self._rings = []
+            self._rings, self._altitude = [], ""
         elif name in _OTHERS and self._rings is None:
             self.bound(len(self._geometries) + 1, MAX_VERTICES, "points and lines")
             self._geometries.append({"type": _OTHERS[name]})
-        elif name == "coordinates" or self.open[-2:] == ["Placemark", "name"]:
+        elif name in ("coordinates", "altitudeMode") or self.open[-2:] == ["Placemark", "name"]:
             self.text = []
 
     def ended(self, name: str, text: Optional[str]) -> None:
@@ -76,7 +77,11 @@ class _Placemarks(Elements):
             return
         if name == "Placemark":
             self._close()
+        elif name == "altitudeMode" and self._rings is not None:
+            self._altitude = (text or "").strip()
         elif name == "Polygon" and self._rings is not None:
+            if self._altitude not in ("", "absolute"):  # heights above the ground, or none
+                self._rings = [[place[:2] for place in ring] for ring in self._rings]
             self._geometries.append({"type": "Polygon", "coordinates": self._rings})
             self._rings = None
         elif name == "name" and self.open[-1] == "Placemark":

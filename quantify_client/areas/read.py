@@ -24,6 +24,7 @@ from ..crs import (
     geometry_to_frame,
     is_geographic,
     label,
+    metres_per_unit,
     transfer_accuracy_m,
 )
 from ..errors import AreaError, CrsError
@@ -60,12 +61,14 @@ class Area:
     properties : what else its file says of it, by name.
     corners : (K, 3) float64, the corners that its file gives an elevation, metres in the frame;
         None where it gives none.
+    corners_lost : how many corners have none, where some have.
     """
 
     name: str
     polygon: Any
     properties: Mapping[str, Any] = field(default_factory=dict)
     corners: Optional[FloatArray] = None
+    corners_lost: int = 0
 
 
 @dataclass(frozen=True)
@@ -174,22 +177,26 @@ def _area(
         problem = f"cannot be placed: {error}"
     if problem:
         return AreaFailure(name, problem + _swap_hint(drawn, crs, frame, box))
-    return Area(name, polygon, one.properties, _corners(one.polygon, crs, frame))
+    return Area(name, polygon, one.properties, *_corners(one.polygon, crs, frame))
 
 
-def _corners(drawn: Any, crs: Optional[str], frame: Frame) -> Optional[FloatArray]:
-    """Return the corners with elevations, (K, 3) in the frame, or None without any.
+def _corners(drawn: Any, crs: Optional[str], frame: Frame) -> Tuple[Optional[FloatArray], int]:
+    """Return the corners with elevations, (K, 3) in the frame, or None; and how many have none.
 
-    Elevations are in the unit of the cloud's; beside longitudes and latitudes in metres, as
-    GeoJSON (RFC 7946) and KML have them.
+    Elevations are in the unit of the CRS of the polygons, and in that of the cloud's where they are
+    in its coordinates; beside longitudes and latitudes in metres, as GeoJSON (RFC 7946) and KML
+    have them.
     """
     if not drawn.has_z:
-        return None
-    corners = np.asarray(shapely.get_coordinates(drawn, include_z=True), dtype=np.float64)
-    corners = corners[np.isfinite(corners[:, 2])]
-    unit = frame.z_unit_m if crs is None or not is_geographic(crs) else 1.0
+        return None, 0
+    every = np.asarray(shapely.get_coordinates(drawn, include_z=True), dtype=np.float64)
+    corners = every[np.isfinite(every[:, 2])]
+    unit = frame.z_unit_m
+    if crs is not None:
+        unit = 1.0 if is_geographic(crs) else metres_per_unit(crs)
     places = shapely.get_coordinates(_moved(shapely.multipoints(corners[:, :2]), crs, frame))
-    return np.column_stack([places, corners[:, 2] * unit])
+    lost = len(np.unique(every[~np.isfinite(every[:, 2]), :2], axis=0))
+    return np.column_stack([places, corners[:, 2] * unit]), lost
 
 
 def _moved(polygon: Any, crs: Optional[str], frame: Frame) -> Any:

@@ -116,7 +116,11 @@ def deliver(measurement: Measurement, out: Optional[Path], given: argparse.Names
             if path.name == "report.html":
                 print(f"Report: {printable(path)}")
     failed = [result for result in measurement.results if isinstance(result, AreaFailure)]
-    return complain_of([f"{area.name}: {area.error}" for area in failed])
+    said = [f"{area.name}: {area.error}" for area in failed]
+    for pair in measurement.series[:-1]:  # the last one is the measurement itself
+        between = f"{Path(pair.before).name} to {Path(pair.after).name}"
+        said += [f"{between}: {area.name}: {area.error}" for area in pair.failures]
+    return complain_of(said)
 
 
 def _show(measurement: Measurement, units: str) -> None:

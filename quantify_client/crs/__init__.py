@@ -17,6 +17,7 @@ from .ground import (
     geometry_to_frame,
     geometry_to_wgs84,
     grid_scale_factor,
+    metres_per_unit,
     transfer_accuracy_m,
 )
 from .local import LocalFrame, local_frame, utm_grid
@@ -49,6 +50,7 @@ __all__ = [
     "local_frame",
     "location_warnings",
     "measuring_frame",
+    "metres_per_unit",
     "merge_statements",
     "odm_header",
     "placed_frame",

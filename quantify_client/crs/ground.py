@@ -30,6 +30,7 @@ __all__ = [
     "geometry_to_frame",
     "geometry_to_wgs84",
     "grid_scale_factor",
+    "metres_per_unit",
     "transfer_accuracy_m",
 ]
 
@@ -146,7 +147,7 @@ def _share_a_datum(source: str, target: str) -> bool:
 def _move(geometry: Any, source: str, target: str, unit_in: float, unit_out: float) -> Any:
     if transformer(source, target) is None:
         return shapely.transform(geometry, lambda xy: xy * (unit_out / unit_in))
-    coordinates_in_100_m = _STRAIGHT_M / _metres_per_unit(source) * unit_in
+    coordinates_in_100_m = _STRAIGHT_M / metres_per_unit(source) * unit_in
     longest = max(coordinates_in_100_m, float(shapely.length(geometry)) / _MAX_PIECES)
 
     def move(xy: FloatArray) -> FloatArray:
@@ -156,8 +157,8 @@ def _move(geometry: Any, source: str, target: str, unit_in: float, unit_out: flo
     return shapely.transform(shapely.segmentize(geometry, longest), move)
 
 
-def _metres_per_unit(crs: str) -> float:
-    """Roughly, for angles."""
+def metres_per_unit(crs: str) -> float:
+    """Return metres per unit of a CRS's coordinates; roughly, for angles."""
     own = unbound(parse(crs))
     if own.is_geographic:
         return 40_000_000.0 / full_turn(crs)

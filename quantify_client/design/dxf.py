@@ -29,6 +29,7 @@ _BEGIN = re.compile(
     rb"(?:\xef\xbb\xbf)?(?:\s*999[ \t]*\r?\n[^\n]*\n)*\s*0[ \t]*\r?\n[ \t]*SECTION\s"
 )
 _END = re.compile(rb"\s0\s+EOF\s*\Z")
+_INSERT = re.compile(rb"\n[ \t]*0[ \t]*\r?\n[ \t]*INSERT\s")
 _UNIT = re.compile(rb"\$INSUNITS\s+70\s+(\d{1,3})\s")
 _UNITS = {2: "ft", 4: "mm", 5: "cm", 6: "m", 21: "us-ft"}
 _TYPES = ("3DFACE", "POLYLINE", "VERTEX", "SEQEND", "MESH")
@@ -67,12 +68,21 @@ def read_dxf(path: Path) -> Design:
         raise DesignError(
             f"{name} cannot be read ({said}); export it again, or as LandXML"
         ) from error
+    inserts = len(_INSERT.findall(data))
     if not corners:
-        raise DesignError(f"{name}: holds no faces (3DFACE, MESH or polyface); expected {WHAT}")
+        blocks = (
+            f", and {inserts} blocks, whose faces are not read: explode them" if inserts else ""
+        )
+        raise DesignError(
+            f"{name}: holds no faces (3DFACE, MESH or polyface){blocks}; expected {WHAT}"
+        )
     points, number = np.unique(np.array(corners).reshape(-1, 3), axis=0, return_inverse=True)
     bounded(name, len(points), MAX_POINTS, "points")
     triangles = number.reshape(-1, 3).astype(np.int64)
     unit, notes = _unit_of(name, data)
+    if inserts:
+        text = f"{name}: {inserts} blocks (INSERT) are not read: explode them if they have faces"
+        notes.append(Notice("design-blocks", text, file=name, blocks=inserts))
     return made(name, points, triangles, unit=unit, warnings=[*notes, *_of_layers(name, layers)])
 
 

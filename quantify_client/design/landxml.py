@@ -29,7 +29,9 @@ _UNITS = {
     "USSurveyFoot": "us-ft",
 }
 _MOST_ELEMENTS = 2 * (MAX_POINTS + MAX_TRIANGLES) + 1_000_000  # with their ends
-_CODE = re.compile(r"(?:EPSG:+)?([1-9]\d{3,5})", re.IGNORECASE)
+_CODE = re.compile(
+    r"(?:urn:ogc:def:crs:)?(?:EPSG:+)?([1-9]\d{3,5})(?:\+([1-9]\d{3,5}))?", re.IGNORECASE
+)
 _SHOWN = 5  # names in a message
 
 
@@ -151,5 +153,10 @@ class _Surfaces(Elements):
 
 
 def _crs_of(attributes: Mapping[str, Any]) -> Optional[str]:
-    code = _CODE.fullmatch(attributes.get("epsgCode", "").strip())
-    return f"EPSG:{code.group(1)}" if code else attributes.get("ogcWktCode", "").strip() or None
+    """Return the CRS that an element names; what cannot be one is told where it is used."""
+    told = attributes.get("epsgCode", "").strip()
+    code = _CODE.fullmatch(told)
+    if code:
+        vertical = f"+{code.group(2)}" if code.group(2) else ""
+        return f"EPSG:{code.group(1)}{vertical}"
+    return attributes.get("ogcWktCode", "").strip() or told or None

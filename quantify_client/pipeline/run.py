@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Mapping, Optional, Sequence, Tuple, Union
 
 from ..crs import Frame, measuring_frame
-from ..errors import SupportError, UsageError
+from ..errors import DesignError, SupportError, UsageError
 from ..options import AUTO, OPTIONS, Options, choose_shape, proposes, read_options
 from ..sfm.servers.access import Access
 from ..source import Source, file_of, is_address, open_source
@@ -99,6 +99,8 @@ def measure(
     """
     given = locals()
     file = given["base"] if is_file(base) else None
+    if file is not None and base_points is not None:
+        raise UsageError("--base and --base-points exclude each other: give one of them")
     options = read_options({**given, "base": None} if file is not None else given)
     started, clock = datetime.now(timezone.utc), time.perf_counter()
     report = progress or (lambda stage, share: None)
@@ -194,8 +196,15 @@ def _given_base(
     from .given_base import design_base, floor_base
 
     if design is not None:
-        if options.shape == "object" or options.gcp is not None:
-            raise UsageError("--base FILE goes with terrain, and without --gcp")
+        if options.shape == "object":
+            raise UsageError("--base FILE goes with terrain: leave out --shape object")
+        if options.gcp is not None:
+            raise UsageError(
+                "--base FILE does not go with --gcp yet: write the cloud true to size first "
+                "(quantify-client scale), and measure that"
+            )
+        if not Path(design).is_file():
+            raise DesignError(f"{design}: does not exist; check the path")
         return [file_of(str(design), Path(design))], design_base(Path(design))
     floor = stack.enter_context(open_source([str(options.base_points)], access=access))
     return floor.inputs, floor_base(floor)

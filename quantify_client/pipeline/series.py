@@ -21,7 +21,7 @@ from ..source import Source, time_of
 from ..types import AreaFailure, AreaResult, Epochs, Measurement, Notice
 from .change import Areas, measure_surveys, require_plain
 from .streaming import Progress
-from .together import Surveys
+from .together import Surveys, common_frames
 
 __all__ = ["measure_series", "require_in_time"]
 
@@ -57,6 +57,8 @@ def measure_series(
     That from the first to the last, with the others in :attr:`Measurement.series`.
     """
     require_plain(options)
+    for other in sources[1:]:  # what cannot be compared at all is told first, by its name
+        common_frames(Surveys(sources[0], other, True, align), options)
     first = Surveys(sources[0], sources[-1], True, align)
     frame = _frame(sources[0], options)
     areas = Areas.of(sources[0], frame, options, report)

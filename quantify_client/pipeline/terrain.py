@@ -391,14 +391,18 @@ def _measure_site(
         # Each area's own factor: where other areas lie does not matter to it.
         place, middle = site.extent.place, site.extent.middle
         factor = ground_factor(source, frame, place, middle, options) or 1.0
+        told: Sequence[Notice] = ()
         own = replace(recipe, ground_factor=factor, toe=_reach(site.polygon, options) or None)
         if given is not None:
             around = place.grown(max(place.max_x - place.min_x, place.max_y - place.min_y))
-            own = replace(own, base=given.around(around, site.points.origin))
+            base, told = given.under(site.polygon, around, site.points.origin)
+            own = replace(own, base=base)
         elif options.base == "vertices" and site.area is not None:
-            own = replace(own, base=between_corners(site.area, site.polygon, site.points.origin))
+            base, told = between_corners(site.area, site.polygon, site.points.origin)
+            own = replace(own, base=base)
         result = measure_area(site.name, site.polygon, site.points, own)
         result = with_outline(result, site.outline_std)
+        result = replace(result, warnings=(*result.warnings, *told))
         left_out = {**site.left_out, _TOO_FAR: site.points.cubes.too_far}
         return finish(result, left_out, options)
     except QuantifyError as error:

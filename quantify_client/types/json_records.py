@@ -93,9 +93,10 @@ class Length:
 
 @dataclasses.dataclass(frozen=True)
 class Only:
-    """The fields of a list's rows that are in JSON, where an empty list is null."""
+    """The fields of a list's rows that are in JSON, where an empty list is null, or is not."""
 
     names: Tuple[str, ...]
+    or_null: bool = True
 
 
 class Spread(Shape):
@@ -210,7 +211,8 @@ def _shape(hint: Any) -> Shape:
         if isinstance(mark, Shape):
             return mark
         if isinstance(mark, Only):
-            return Maybe(Listed(DataRecord(get_args(hint)[0], mark.names), 20), none=())
+            rows = Listed(DataRecord(get_args(hint)[0], mark.names), 20 if mark.or_null else 200)
+            return Maybe(rows, none=()) if mark.or_null else rows
     if hint in _SIMPLE:
         return _SIMPLE[hint]
     if dataclasses.is_dataclass(hint):

@@ -347,7 +347,10 @@ class Epochs:
     after: Annotated[str, Text(1000)]
     results: Annotated[
         Sequence[AreaResult],
-        Only(("name", "volume_m3", "cut_m3", "fill_m3", "std_m3", "level_of_detection_m")),
+        Only(
+            ("name", "volume_m3", "cut_m3", "fill_m3", "std_m3", "level_of_detection_m"),
+            or_null=False,
+        ),
     ] = ()
     failures: Annotated[Sequence[AreaFailure], Length(200)] = ()
     alignment: Optional[Aligned] = None

@@ -7,24 +7,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 import shapely
-from scipy import ndimage
+from scipy import ndimage, special
 from scipy.spatial import Delaunay, QhullError, cKDTree
 from shapely.geometry import MultiPolygon, Polygon
 
 from ...errors import SupportError
-from ...types import FloatArray, IntArray, Window
+from ...types import INTERVAL95, FloatArray, IntArray, Window
 from .grid import CellWindow, minmod, polygons_of
 from .rim import dense_ring
 from .robust import MAD, quantile
 from .tin_surface import tin_means
 
-__all__ = ["GivenBase", "scatter_of", "stretched_between", "through_points"]
+__all__ = ["GivenBase", "blunders", "scatter_of", "stretched_between", "through_points"]
 
 #: The surface goes on beyond its edge for so many cells: what an outline drawn along that edge cuts
 #: in cells.
 _BEYOND = 2.0
 
-#: Share of the cells that may lie further out; more is refused.
+#: Share of an area that may lie beyond it, and of cells further out than that; more is refused.
 _MOST_MISSING = 0.01
 
 #: Places that lie in the midst of their neighbours, at least, for their scatter to be known.
@@ -32,6 +32,12 @@ _ENOUGH = 5
 
 #: A plane through points has so many parameters.
 _PLANE = 3
+
+#: Points that lie off one line by less than this share of its length span no area.
+_THIN = 1e-4
+
+#: Residuals of floor points beyond this many robust standard deviations are told.
+_BLUNDER = 6.0
 
 
 @dataclass(frozen=True)
@@ -76,6 +82,24 @@ class GivenBase:
         lines = shapely.linestrings(self.points[each[count == 1]][:, :, :2])
         return shapely.build_area(shapely.geometrycollections(lines))
 
+    def require_under(self, polygon: Polygon | MultiPolygon) -> float:
+        """Return how much of an area it does not cover, m2; little of it only, as along an outline.
+
+        Raises
+        ------
+        SupportError
+            It is more than a hundredth of the area.
+        """
+        covered = shapely.make_valid(self.footprint()).intersection(polygon).area
+        lost = max(0.0, float(polygon.area - covered))
+        if lost > _MOST_MISSING * polygon.area:
+            raise SupportError(
+                f"{self.name} covers {covered / polygon.area:.1%} of the area; expected a base "
+                "under all of it: draw the area within it and without its holes, or give one that "
+                "reaches further"
+            )
+        return lost
+
     def over(self, window: CellWindow, covered: npt.NDArray[np.bool_]) -> FloatArray:
         """Return its mean heights over cells, (ny, nx) metres; NaN where it is not.
 
@@ -96,8 +120,8 @@ class GivenBase:
         lost = float(missing.sum()) / max(float(covered.sum()), 1.0)
         if lost > _MOST_MISSING:
             raise SupportError(
-                f"{self.name} covers {share[covered].mean():.0%} of the area; expected a base "
-                "under all of it: draw the area within it, or give one that reaches further"
+                f"{self.name} does not reach over {lost:.0%} of the cells of the area; expected a "
+                "base under all of it: draw the area within it, or give one that reaches further"
             )
         if missing.any():
             row, column = ndimage.distance_transform_edt(
@@ -148,16 +172,21 @@ def through_points(name: str, points: FloatArray) -> GivenBase:
     SupportError
         They are fewer than three, or on one line.
     """
-    _, first = np.unique(points[:, :2], axis=0, return_index=True)
-    points = points[np.sort(first)]
+    places, number = np.unique(points[:, :2], axis=0, return_inverse=True)
+    mean = np.bincount(number.ravel(), points[:, 2] - points[0, 2]) / np.bincount(number.ravel())
+    points = np.column_stack([places, mean + points[0, 2]])
+    local = places - places.mean(axis=0)
+    flat = SupportError(
+        f"{name} holds {len(points)} points that span no area; expected three or more around the "
+        "area"
+    )
+    size = np.linalg.svd(local, compute_uv=False)
+    if len(points) < _PLANE or size[1] <= _THIN * size[0]:
+        raise flat
     try:
-        triangles = Delaunay(points[:, :2] - points[:, :2].mean(axis=0)).simplices
+        triangles = np.asarray(Delaunay(local).simplices, dtype=np.int64)
     except (QhullError, ValueError):
-        raise SupportError(
-            f"{name} holds {len(points)} points that span no area; expected three or more around "
-            "the area"
-        ) from None
-    triangles = np.asarray(triangles, dtype=np.int64)
+        raise flat from None
     return GivenBase(name, points, triangles, scatter_of(points, triangles))
 
 
@@ -166,8 +195,33 @@ def scatter_of(points: FloatArray, triangles: IntArray) -> float:
 
     Each point that is in the midst of its neighbours is left out in turn, and compared with the
     plane through them (leave-one-out cross-validation). Where there are few such points, it is the
-    scatter of all about one plane; of three points nothing is known.
+    scatter of all about one plane; of three points nothing is known. A standard deviation that few
+    points tell is larger by Student's t, so that 1.96 of it hold the truth as often as of others.
     """
+    off, degrees = _residuals(points, triangles)
+    if degrees < 1:
+        return 0.0
+    wider = float(special.stdtrit(degrees, 0.975)) / INTERVAL95
+    return max(1.0, wider) * float(np.sqrt((off**2).sum() / degrees))
+
+
+def blunders(points: FloatArray, triangles: IntArray) -> tuple[IntArray, FloatArray]:
+    """Return the points of a TIN that lie off all others far beyond their scatter, and by how much.
+
+    As far as they are in the midst of others: the residuals of :func:`scatter_of`.
+    """
+    off, _ = _residuals(points, triangles)
+    inner = np.setdiff1d(np.arange(len(points)), _hull(triangles))
+    if len(off) != len(inner):
+        return np.empty(0, dtype=np.int64), np.empty(0)
+    scatter = MAD * quantile(np.abs(off), 0.5)
+    # The neighbours of one are off by a share of it themselves: only the farthest is told of each.
+    far = np.flatnonzero(np.abs(off) > max(_BLUNDER * scatter, 1e-9))
+    return np.asarray(inner[far]), np.asarray(off[far])
+
+
+def _residuals(points: FloatArray, triangles: IntArray) -> tuple[FloatArray, int]:
+    """Return by how much points are off what the others tell, and degrees of freedom of these."""
     edges = np.unique(np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)), axis=0)
     one, other = np.concatenate([edges, edges[:, ::-1]]).T
     around = points[other] - points[one]
@@ -185,15 +239,16 @@ def scatter_of(points: FloatArray, triangles: IntArray) -> float:
             normal[:, i, j] = summed(terms[:, i] * terms[:, j])
     inner = ~np.isin(np.arange(count), _hull(triangles))
     if inner.sum() >= _ENOUGH:
-        # Inner points have three neighbours around them at least: no plane is singular.
-        off = np.linalg.solve(normal[inner], right[inner][:, :, None])[:, 0, 0]
-        return float(np.sqrt(np.mean(off**2)))
-    if count <= _PLANE:
-        return 0.0
+        # Inner points have three neighbours around them at least: planes are singular by rounding
+        # only, which a little damping keeps away.
+        size = np.trace(normal[inner], axis1=1, axis2=2)[:, None, None]
+        damped = normal[inner] + 1e-12 * size * np.eye(_PLANE)
+        off = -np.linalg.solve(damped, right[inner][:, :, None])[:, 0, 0]
+        return off, int(inner.sum())
     local = points - points.mean(axis=0)
     plane = np.column_stack([np.ones(count), local[:, :2]])
     rest = local[:, 2] - plane @ np.linalg.lstsq(plane, local[:, 2], rcond=None)[0]
-    return float(np.sqrt((rest**2).sum() / (count - _PLANE)))
+    return np.asarray(rest), count - _PLANE
 
 
 def _hull(triangles: IntArray) -> IntArray:

@@ -54,7 +54,8 @@ def _filtered(points: AreaPoints) -> Cubes:
     level = (raster.filled - found.above)[row, column]
     height = cubes.inside / np.maximum(cubes.count, 1) * cubes.quantum + cubes.bin * cubes.cell
     within = TUKEY * found.scatter + cubes.cell / 2.0
-    return cubes.select(np.abs(height - level) <= within)
+    # What lies lower, as in a pit, is ground as well.
+    return cubes.select(height - level <= within)
 
 
 def ground_surface(

@@ -52,7 +52,9 @@ class StageCurve:
         std = self.std
         if others:
             std = np.hypot(std, each[:, :, 0].std(axis=0, ddof=1) / np.sqrt(len(each)))
-        return staged(self.levels, each.mean(axis=0), std, self.basins)
+        # Of more water there is no less; noise near a level may have it otherwise.
+        held = np.maximum.accumulate(each.mean(axis=0), axis=0)
+        return staged(self.levels, held, std, self.basins)
 
 
 def stage_curve(

@@ -108,8 +108,8 @@ def _of_given(findings: Findings) -> Iterator[Notice]:
     if abs(off) > _AS_A_WHOLE * scatter:
         yield Notice(
             "base-off-ground",
-            f"around the area the ground lies {abs(off):.3g} m {'above' if off > 0 else 'below'} "
-            f"the base that was given (median over {area:.3g} m2, scatter {scatter:.2g} m): if it "
+            f"at the area the ground lies {abs(off):.3g} m {'above' if off > 0 else 'below'} "
+            f"the base that was given ({area:.3g} m2 around it, scatter {scatter:.2g} m): if it "
             "should lie on it, the heights of the two differ; check their datums and units",
             off_m=off,
             scatter_m=scatter,
