@@ -10,16 +10,17 @@ deeper than noise are none).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Iterator, Sequence
+from typing import Iterator, Sequence, Union
 
 import numpy as np
 import numpy.typing as npt
+from scipy import ndimage
 
 from ...types import FloatArray, IntArray, PourPoint, Stage, StageLevel
-from .integrate import round_height
+from .integrate import above_mask, round_height
 from .robust import SURE
 
-__all__ = ["Basins", "auto_levels", "find_basins", "staged"]
+__all__ = ["Basins", "above_level", "auto_levels", "find_basins", "staged"]
 
 #: About this many levels when the user does not say.
 _AUTO_LEVELS = 20
@@ -32,6 +33,12 @@ _LEAST_SHARE = 1e-3
 
 #: Steps from a cell to four of its eight neighbours, row and column: each pair of neighbours once.
 _STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
+
+#: Sides of the windows in which ground near a level is looked at, in cells, the largest last.
+_WINDOWS = (9, 17, 33, 65)
+
+#: Of a window around level ground this share is near the level.
+_LEVEL = 0.5
 
 #: The number that stands for what lies beyond the outline, among basins.
 _OUTSIDE = -1
@@ -83,7 +90,11 @@ def staged(levels: FloatArray, held: FloatArray, std: FloatArray, basins: Basins
 
 
 def find_basins(
-    z: FloatArray, a: FloatArray, noise: float, corner: tuple[float, float], cell: float
+    z: FloatArray,
+    a: FloatArray,
+    noise: Union[float, FloatArray],
+    corner: tuple[float, float],
+    cell: float,
 ) -> Basins:
     """Return the basins of an area and their pour points.
 
@@ -91,8 +102,9 @@ def find_basins(
     ----------
     z : (ny, nx) heights of the parts of cells inside the area, metres; NaN outside.
     a : (ny, nx) areas of these parts, m2.
-    noise : standard deviation of a cell's height. A basin is deeper than six of them: its lowest
-        cell may be three too low and its pour point three too high.
+    noise : (ny, nx) standard deviation of each cell's height, or one for all. A basin is deeper
+        than six of a typical one: its lowest cell may be three too low, its pour point three too
+        high.
     corner : of the cells, south-west, in the measuring frame; `cell` is their size there.
     """
     known = np.isfinite(z)
@@ -101,14 +113,15 @@ def find_basins(
     basin, lowest = _catchments(z, known)
     heights, ends, places = _passes(z, known, edge, basin)
     found = []
-    for event in _joined(lowest, heights, ends, places, 2.0 * SURE * noise):
-        within = known & np.isin(basin, event.basins) & (z < event.level)
+    typical = float(np.median(np.broadcast_to(noise, z.shape)[known])) if known.any() else 0.0
+    for event in _joined(lowest, heights, ends, places, 2.0 * SURE * typical):
+        within = np.isin(basin, event.basins) & ~above_level(z - event.level, a, noise)
         row, column = divmod(event.place, z.shape[1])
         point = PourPoint(
             event.level,
             corner[0] + (column + 0.5) * cell,
             corner[1] + (row + 0.5) * cell,
-            float((a[within] * (event.level - z[within])).sum()),
+            max(0.0, float((a[within] * (event.level - z[within])).sum())),
             float(a[within].sum()),
             event.lowest,
             event.outside,
@@ -118,6 +131,38 @@ def find_basins(
     found = [point for point in found if point.volume_m3 > _LEAST_SHARE * most]
     found.sort(key=lambda point: (not point.outside, -point.volume_m3))
     return Basins(outline, found[:_MOST_POINTS])
+
+
+def above_level(
+    r: FloatArray, a: FloatArray, sigma: Union[float, FloatArray]
+) -> npt.NDArray[np.bool_]:
+    """Return which cells lie above a level, however large the ground is that is near it.
+
+    As `above_mask` has it, by the 24 cells around; but where in a larger window those cells that
+    are within three standard deviations of the level lie on one side beyond three of their mean's
+    own, they are on that side, in the largest such window. Level ground a few millimetres above
+    water is then dry as a whole, where few cells would leave that to chance.
+
+    Parameters
+    ----------
+    r : (ny, nx) height above the level; NaN, which counts as above, outside the area.
+    a : (ny, nx) area of each cell.
+    sigma : (ny, nx) standard deviation of each, or one for all.
+    """
+    known = np.isfinite(r)
+    near = known & (np.abs(r) < SURE * sigma)
+    above = ~known | above_mask(r, a, sigma)
+    if not near.any():
+        return np.asarray(above)
+    own = np.where(near, r, 0.0)
+    for size in _WINDOWS:
+        total, count = (
+            ndimage.uniform_filter(values, size, mode="constant") * size**2
+            for values in (own, near.astype(np.float64))
+        )
+        sure = near & (np.abs(total) > SURE * sigma * np.sqrt(np.maximum(count, 1.0)))
+        above = np.where(sure & (count > _LEVEL * size**2), total > 0, above)
+    return np.asarray(above)
 
 
 def _at_outline(known: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:

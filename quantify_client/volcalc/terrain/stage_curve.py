@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Sequence
 
 import numpy as np
+from scipy import ndimage
 
 from ...types import FloatArray, Stage
 from .base import Base
 from .budget import error_budget, standard_deviations
 from .grid import slopes
-from .stage import Basins, auto_levels, find_basins, staged
+from .stage import Basins, above_level, auto_levels, find_basins, staged
 from .surface import AreaSurface, CutFill, over_base
 
 __all__ = ["StageCurve", "stage_curve"]
@@ -21,6 +22,9 @@ __all__ = ["StageCurve", "stage_curve"]
 _MANY_CELLS = 50_000
 _FEW_LEVELS = 6
 
+
+#: Cells along the side of a square over which squares of slopes are averaged.
+_AROUND = 5
 
 #: Places along each side of a cell, from its middle, in cells.
 _PLACES = (np.arange(8) + 0.5) / 8.0 - 0.5
@@ -70,8 +74,7 @@ def stage_curve(
     window = surface.heights.window
     ground = _below(surface, 0.0)
     corner = (window.min_x + origin[0], window.min_y + origin[1])
-    noise = surface.noise.independent
-    basins = find_basins(ground.r, surface.a, noise, corner, window.cell)
+    basins = find_basins(ground.r, surface.a, surface.noise.cell, corner, window.cell)
     found = np.array(sorted(set(levels)), dtype=np.float64)
     if not len(found):
         found = auto_levels(float(np.nanmin(ground.r)), float(np.nanmax(ground.r)), basins)
@@ -86,7 +89,8 @@ def stage_curve(
 def _below(surface: AreaSurface, level: float) -> CutFill:
     """Return the surface over a level."""
     base = Base(level, np.full(surface.filled.shape, level), None)
-    return over_base(surface, base, None, surface.noise.cell)
+    volume = over_base(surface, base, None, surface.noise.cell)
+    return replace(volume, above=above_level(volume.r, surface.a, surface.noise.cell))
 
 
 def _held(surface: AreaSurface, levels: FloatArray) -> tuple[FloatArray, list[CutFill]]:
@@ -124,18 +128,20 @@ class _Shore:
     def of(cls, surface: AreaSurface) -> _Shore:
         """Return the cells of a surface, with slopes as far as they are no noise.
 
-        The square of a slope between the cells to both sides has half of their variance in it.
+        The square of a slope between the cells to both sides has half of their variance in it; how
+        much of the mean square around is that, is taken off.
         """
         ground = _below(surface, 0.0)
         known = ground.sides[0] & (surface.a > 0)
         rise, _ = slopes(surface.heights.z)
         variance = np.broadcast_to(np.square(surface.noise.cell), known.shape)[known] / 2.0
-        each = np.nan_to_num(np.stack([one[known] for one in rise]))
-        square = each**2
+        each = np.nan_to_num(rise)
+        around = np.stack([ndimage.uniform_filter(one**2, _AROUND)[known] for one in each])
         share = np.divide(
-            np.maximum(square - variance, 0.0), square, out=np.zeros_like(square), where=square > 0
+            np.maximum(around - variance, 0.0), around, out=np.zeros_like(around), where=around > 0
         )
-        return cls(ground.r[known], surface.a[known], each * np.sqrt(share))
+        slope = np.stack([one[known] for one in each])
+        return cls(ground.r[known], surface.a[known], slope * np.sqrt(share))
 
     def within(self, level: float) -> tuple[float, float]:
         """Return what is to be added to the volume and the area below a level, m3 and m2."""
