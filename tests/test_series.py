@@ -14,7 +14,7 @@ from test_change import EAST, GAINED, LOST, NORTH, areas, ground, survey, volume
 import quantify_client
 from quantify_client.cli import main
 from quantify_client.cloud.las.times import time_of_points
-from quantify_client.errors import InputError
+from quantify_client.errors import InputError, QuantifyError
 from quantify_client.types import AreaFailure
 
 pytestmark = pytest.mark.one_python
@@ -175,3 +175,22 @@ def test_photographs_tell_the_time_and_what_does_not_is_believed(tmp_path, damag
         return
     with pytest.raises(InputError, match="was taken on 2024-06-07, after"):
         quantify_client.change(later, earlier)
+
+
+def test_a_pair_that_fails_ends_the_command_with_status_1(epochs, tmp_path, capsys):
+    far = survey(ground, count=20_000) + np.array([900.0, 0.0, 0.0])[:, None]
+    away = str(write(tmp_path / "away.laz", far))
+    area = tmp_path / "areas.geojson"
+    area.write_text(json.dumps(areas(GAINED)))
+    assert main(["change", epochs[0], away, epochs[2], "--area", str(area), "--json"]) == 1
+    shown = capsys.readouterr()
+    assert [one["results"] for one in json.loads(shown.out)["series"][:2]] == [[], []]
+    lines = shown.err.splitlines()
+    assert len(lines) == 2
+    assert "epoch0.laz to away.laz: form 0:" in lines[0]
+
+
+def test_a_survey_without_a_crs_among_others_is_named(epochs, tmp_path):
+    bare = str(write(tmp_path / "bare.laz", survey(ground, count=20_000), crs=None))
+    with pytest.raises(QuantifyError, match=r"bare.laz has no CRS"):
+        quantify_client.change(epochs[0], bare, epochs[2])

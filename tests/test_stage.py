@@ -266,3 +266,31 @@ def test_the_command_writes_the_curve(tmp_path, capsys):
     assert main([*command, "--base", cloud]) == 2
     assert "--stage and --base-points go with one survey" in capsys.readouterr().err
     assert main(["volume", cloud, "--stage", "high"]) == 2
+
+
+def test_a_plateau_around_a_pit_holds_nothing_and_the_capacity_is_that_of_the_last_level(tmp_path):
+    def dish(x, y):
+        return LEVEL - np.clip(1.0 - (x**2 + y**2) / 36.0, 0.0, None)
+
+    for seed in (1, 2, 3):
+        cloud = cloud_at(tmp_path / "d.laz", dish, half=60, count=400_000, noise=0.03, seed=seed)
+        (result,) = quantify_client.measure(
+            cloud, area=areas(box_of(54, 54)), stage="auto", grid=True
+        ).results
+        last = result.stage.levels[-1]
+        truth = math.pi * 36.0 * (last.level_m - LEVEL + 1.0) ** 2 / 2.0
+        assert last.volume_m3 == pytest.approx(truth, abs=2.5 * last.std_m3)
+        assert last.water_area_m2 < 1.3 * math.pi * 36.0  # of 11,664 m2
+        assert result.stage.capacity_m3 == pytest.approx(last.volume_m3, rel=0.01)
+
+
+def test_water_does_not_fall_as_it_rises_and_levels_above_all_ground_are_told(tmp_path):
+    cloud = cloud_at(tmp_path / "small.laz", pit, count=20_000, noise=0.02)
+    levels = [99.9 + 0.001 * step for step in range(120)]
+    (result,) = quantify_client.measure(
+        cloud, area=areas(box_of(4, 4)), stage=[*levels, 321.5], grid=True
+    ).results
+    for column in ("volume_m3", "water_area_m2"):
+        values = [getattr(row, column) for row in result.stage.levels]
+        assert values == sorted(values)
+    assert "stage-above-ground" in [notice.code for notice in result.warnings]

@@ -202,7 +202,21 @@ def _combined(first: Sequence[Measured], offsets: Sequence[Sequence[Sides]]) -> 
     curve = first[0].curve
     others = [of_offset[0].held for of_offset in offsets]
     stage = None if curve is None else curve.mean([one for one in others if one is not None])
-    return replace(rows[0], bases=bases, stage=stage)
+    first_row = rows[0]
+    top = stage.levels[-1].level_m if stage is not None and stage.levels else -math.inf
+    if top > first_row.max_z_m:
+        first_row = replace(first_row, warnings=(*first_row.warnings, _above_all(first_row, top)))
+    return replace(first_row, bases=bases, stage=stage)
+
+
+def _above_all(result: AreaResult, top: float) -> Notice:
+    return Notice(
+        "stage-above-ground",
+        f"the highest level, {top:.6g} m, lies above all ground of the area (at most "
+        f"{result.max_z_m:.6g} m): what is counted there stands within the outline as within walls; "
+        "levels are in metres",
+        level_m=top,
+    )
 
 
 def _mean(measured: Measured, others: Sequence[Sides]) -> AreaResult:
