@@ -212,7 +212,7 @@ def test_a_design_around_which_the_ground_lies_off_is_told(cloud, tmp_path):
             "roof.xml covers 82.6% of the area; expected",
         ),
         ({"shape": "object"}, UsageError, "goes with terrain"),
-        ({"gcp": "control.yaml"}, UsageError, "without --gcp"),
+        ({"gcp": "control.yaml"}, UsageError, "does not go with --gcp"),
     ],
 )
 def test_what_a_design_cannot_be_the_base_of_is_one_line(cloud, tmp_path, options, kind, said):
@@ -305,7 +305,8 @@ def test_the_scatter_of_points_about_a_plane_is_their_noise_and_a_sixth(noise, s
 def test_of_four_corners_the_scatter_is_that_about_a_plane():
     points = np.array([(0, 0, 0.1), (9, 0, -0.1), (9, 9, 0.1), (0, 9, -0.1)])
     points += np.array([EAST, NORTH, 0.0])
-    assert through_points("floor", points).std == pytest.approx(0.2)  # sqrt(4 x 0.01 / 1)
+    # sqrt(4 x 0.01 / 1), times Student's t of one degree of freedom at 97.5 % over 1.96
+    assert through_points("floor", points).std == pytest.approx(0.2 * 12.7062 / 1.96, rel=1e-4)
     assert through_points("floor", points[:3]).std == 0.0
 
 

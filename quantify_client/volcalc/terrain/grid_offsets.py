@@ -213,8 +213,8 @@ def _above_all(result: AreaResult, top: float) -> Notice:
     return Notice(
         "stage-above-ground",
         f"the highest level, {top:.6g} m, lies above all ground of the area (at most "
-        f"{result.max_z_m:.6g} m): what is counted there stands within the outline as within walls; "
-        "levels are in metres",
+        f"{result.max_z_m:.6g} m): what is counted there stands within the outline as within "
+        "walls; levels are in metres",
         level_m=top,
     )
 
