@@ -9,6 +9,9 @@ import pytest
 from scans import volume_of
 from scipy.spatial import cKDTree
 
+# Arithmetic of arrays: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 BALL, CUBE, TORUS = 4.0 * math.pi / 3.0, 1.0, 2.0 * math.pi**2 * 0.16
 
 

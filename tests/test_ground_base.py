@@ -14,6 +14,9 @@ from quantify_client.cloud.base import GroundOnly
 from quantify_client.errors import UsageError
 from quantify_client.types import AreaFailure
 
+# Arithmetic of arrays: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 #: Half sides and height of a house, middle, radius and height of half a ball of leaves.
 HOUSE, BUSH = (5.0, 4.0, 4.0), (-20.0, 10.0, 5.0)
 

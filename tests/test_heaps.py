@@ -14,6 +14,9 @@ from quantify_client.volcalc.body.heap import seen_from_above
 
 from clouds import write_ply  # isort: skip
 
+# Arithmetic of arrays: no different on a second Python.
+pytestmark = pytest.mark.one_python
+
 
 def floor(half, count, rng, under=None):
     x, y = rng.uniform(-half, half, (2, count))

@@ -202,11 +202,10 @@ def _combined(first: Sequence[Measured], offsets: Sequence[Sequence[Sides]]) -> 
     curve = first[0].curve
     others = [of_offset[0].held for of_offset in offsets]
     stage = None if curve is None else curve.mean([one for one in others if one is not None])
-    first_row = rows[0]
-    top = stage.levels[-1].level_m if stage is not None and stage.levels else -math.inf
-    if top > first_row.max_z_m:
-        first_row = replace(first_row, warnings=(*first_row.warnings, _above_all(first_row, top)))
-    return replace(first_row, bases=bases, stage=stage)
+    told = [*rows[0].warnings]
+    if stage is not None and stage.levels and stage.levels[-1].level_m > rows[0].max_z_m:
+        told.append(_above_all(rows[0], stage.levels[-1].level_m))
+    return replace(rows[0], bases=bases, stage=stage, warnings=tuple(told))
 
 
 def _above_all(result: AreaResult, top: float) -> Notice:
