@@ -152,6 +152,7 @@ def test_a_dxf_design_gives_the_same(cloud, tmp_path):
     is_right(quantify_client.measure(cloud, area=areas(square(10.0)), base=tmp_path / "roof.dxf"))
 
 
+@pytest.mark.one_python
 def test_a_geotiff_design_gives_the_same_where_it_is_left_as_it_is(cloud, tmp_path):
     rasterio = pytest.importorskip("rasterio")
     cell, half = 0.08, 22.0
@@ -232,6 +233,7 @@ def test_a_design_elsewhere_is_refused_with_both_places(cloud, tmp_path):
         quantify_client.measure(cloud, base=path)
 
 
+@pytest.mark.one_python
 def test_a_raster_with_a_crs_is_no_base_of_a_cloud_without_one(tmp_path):
     bare = cloud_at(tmp_path / "bare.laz", crs=None)
     area, raster = areas(square(9.0), crs=None), tiff(tmp_path)
@@ -271,6 +273,7 @@ def test_a_pile_on_floor_points_is_that_of_the_closed_form(pile, tmp_path):
     assert found.provenance["input"][-1]["path"] == path
 
 
+@pytest.mark.one_python
 def test_errors_of_floor_points_are_in_the_interval(pile, tmp_path):
     scores = []
     for seed in range(12):
@@ -436,6 +439,7 @@ def test_holes_of_a_design_are_told_with_their_area_or_refused(pile, tmp_path):
     assert notice.values["area_m2"] == pytest.approx(4.0, rel=1e-3)
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("count", [4, 6, 9])
 def test_few_floor_points_have_wide_intervals(pile, tmp_path, count):
     inside = 0
@@ -454,6 +458,7 @@ def test_few_floor_points_have_wide_intervals(pile, tmp_path, count):
     assert inside >= 16  # of 20; 95 % of them hold 16 or more in 997 of 1000
 
 
+@pytest.mark.one_python
 def test_blunders_doubles_and_losses_of_floor_points_are_told(pile, tmp_path):
     table = np.loadtxt(floor_file(tmp_path / "floor.csv", noise=0.01), delimiter=",", skiprows=1)
     area = areas(square(12.0))
