@@ -23,7 +23,6 @@ from typing import (
 import shapely
 
 from ..areas.read import Area, far_corner_problem
-from ..cloud.base import GroundOnly
 from ..crs import Frame
 from ..errors import QuantifyError, SupportError, UsageError
 from ..options import AUTO, DEFAULT_BASE, proposes
@@ -45,6 +44,7 @@ from .common import (
     placed_level,
 )
 from .given_base import BaseIn, Given, between_corners
+from .seen_ground import with_ground
 from .stockpiles import Drawn, Separated, proposed_areas, separated, with_outline
 from .streaming import Progress, accumulate, thread_count
 from .whole_cloud import nearest_to_zero, read_whole
@@ -71,13 +71,6 @@ _ACCURACY_IGNORED = Notice(
     "accuracy-ignored",
     "--accuracy is that of a closed mesh, and terrain is measured from points: it has no effect; "
     "leave it out, or give --shape object",
-)
-
-
-_FILTERED = Notice(
-    "ground-filtered",
-    "no point of the areas is of class 2 (ground): what lies on the surface that a morphological "
-    "filter finds was taken for ground; classify the cloud for another choice",
 )
 
 
@@ -193,33 +186,6 @@ def measure_areas(
     return replace(measurement, proposals=tuple(proposals))
 
 
-def _with_ground(
-    points: Sequence[AreaPoints],
-    source: Source,
-    frame: Frame,
-    box: Bounds,
-    options: Options,
-    report: Progress,
-    warnings: List[str],
-) -> Sequence[AreaPoints]:
-    """Return the points of areas with those among them that are ground, where that is the base.
-
-    The cloud is read again for them, so that nothing of another base depends on classes. Where no
-    point there is of that class, `warnings` gets one.
-    """
-    if options.base != GROUND or not points:
-        return points
-    accumulator = TerrainAccumulator([one.box for one in points], nearest_to_zero(box))
-    threads = thread_count(options.threads)
-    accumulate(GroundOnly(source.cloud, source.cloud.info), frame, accumulator, threads, report)
-    # They are fewer than all points: no area of these has to wait.
-    found = [accumulator.points_of(number).cubes for number in range(len(points))]
-    if not any(len(cubes.count) for cubes in found):
-        warnings.append(_FILTERED)
-        return points
-    return [replace(one, ground=cubes) for one, cubes in zip(points, found)]
-
-
 def _levels(source: Source, frame: Frame, options: Options) -> Optional[Sequence[float]]:
     """Return the levels of stage curves in the frame: none for automatic ones; None without."""
     if options.stage is None or options.stage == AUTO:
@@ -269,7 +235,7 @@ def _sites(
             for place, number in enumerate(numbers)
             if place not in accumulator.postponed
         }
-        points = _with_ground(list(found.values()), source, frame, box, options, report, warnings)
+        points = with_ground(list(found.values()), source, frame, box, options, report, warnings)
         yield {number: site_of(number, one, left_out) for number, one in zip(found, points)}
 
 
@@ -280,7 +246,7 @@ def _whole(
     whole = read_whole(source, frame, box, options, report)
     outline = cloud_outline(whole.points)
     told: List[str] = []
-    (points,) = _with_ground([whole.points], source, frame, box, options, report, told)
+    (points,) = with_ground([whole.points], source, frame, box, options, report, told)
     area = _AreaSite(source.stem, outline.polygon, points, whole.left_out)
     return area, [*_far_away(whole.lost), *_outsiders(outline), *told]
 

@@ -13,24 +13,24 @@ from scipy import ndimage
 from shapely.geometry import MultiPolygon, Polygon
 
 from ...options import DEFAULT_BASE, DEFAULT_LAYER
-from ...types import INTERVAL95, AreaResult, BudgetItem, FloatArray, Relief
+from ...types import AreaResult, BudgetItem, FloatArray
 from .accumulate import AreaPoints
 from .around_outline import standing
 from .base import BASES, KRIGED, Base, make_base
-from .budget import error_budget, standard_deviations
+from .budget import error_budget
 from .difference import find_difference
 from .flanks import NOT_ON_PILE, Flanks, find_flanks
 from .given_base import GivenBase
 from .ground import Ground, find_ground
-from .integrate import integrate_slices, slab_edges
 from .layers import NO_LAYERS, Layers
+from .off_ground import off_given
 from .profiles import beside_walls, off_ground
+from .result import result_of
 from .rim import Crossing, Rim, bridge_crossings
 from .robust import MAD, SURE, quantile
 from .seen_ground import GROUND, ground_surface
 from .stage_curve import StageCurve, stage_curve
 from .surface import AreaSurface, CutFill, Second, find_surface, over_base
-from .tin import tin_check
 from .toe import on_flanks
 from .warnings import Findings
 
@@ -290,10 +290,10 @@ def _on_base(
         at_wall=max(at_wall, on_pile.at_edge),
         layers=layers,
         layer=recipe.layer,
-        off_given=_off_given(volume),
+        off_given=off_given(volume),
     )
     budget = [*error_budget(volume), *_of_layers(layers, recipe)]
-    result = _result(name, volume, points, recipe, budget)
+    result = result_of(name, volume, points, budget, recipe.slices, recipe.slice_height)
     return Measured(
         result,
         findings,
@@ -303,43 +303,6 @@ def _on_base(
         flanks,
         surface.walls.steep is not None,
     )
-
-
-def _off_given(volume: CutFill) -> tuple[float, float, float]:
-    """Return how far the ground around lies above a given base that is an end in itself."""
-    surface, given = volume.surface, volume.base.given
-    if given is None:
-        return 0.0, 0.0, 0.0
-    if given.is_ground:
-        return _off_corners(surface, volume.base)
-    return given.below_ground(surface.heights.z, ~surface.inside, surface.heights.window)
-
-
-def _off_corners(surface: AreaSurface, base: Base) -> tuple[float, float, float]:
-    """Return how far the ground at the outline lies above a base between its corners.
-
-    The median, or of a few corners that are off the farthest; the robust scatter; and the area of
-    the cells that the outline leads through, m2.
-    """
-    rim = surface.rim
-    if rim is None:
-        return 0.0, 0.0, 0.0
-    places = surface.heights.window.in_cells(rim.x, rim.y)
-    column, row = (
-        np.clip(np.floor(place).astype(np.int64), 0, size - 1)
-        for place, size in zip(places, base.z.shape[::-1])
-    )
-    off = rim.z - base.z[row, column]
-    off = off[np.isfinite(off)]
-    if not len(off):
-        return 0.0, 0.0, 0.0
-    middle = quantile(off, 0.5)
-    scatter = max(MAD * quantile(np.abs(off - middle), 0.5), surface.noise.independent)
-    farthest = float(off[np.argmax(np.abs(off - middle))])
-    told = middle
-    if abs(middle) <= SURE * scatter and abs(farthest - middle) > 2.0 * SURE * scatter:
-        told = farthest
-    return float(told), float(scatter), float(rim.length.sum() * surface.cell)
 
 
 def _bridged(surface: AreaSurface, rim: Rim, ground: Ground | None) -> tuple[Rim, list[Crossing]]:
@@ -391,113 +354,3 @@ def _of_layers(layers: Layers, recipe: TerrainRecipe) -> Iterator[BudgetItem]:
     if layers.share and recipe.layer != "mean":
         std = layers.edge[recipe.layer == "lower"] / recipe.ground_factor**2 / math.sqrt(12.0)
         yield BudgetItem("layer", std, std, std)
-
-
-def _result(
-    name: str,
-    volume: CutFill,
-    points: AreaPoints,
-    recipe: TerrainRecipe,
-    budget: Sequence[BudgetItem],
-) -> AreaResult:
-    """Return the complete result, without warnings."""
-    surface, inside, factor = volume.surface, volume.surface.inside, recipe.ground_factor
-    known, cut_cells, fill_cells = volume.sides
-    r, a = volume.r[known], surface.a[known]
-    count = np.where(inside, surface.heights.count, 0)
-    each = surface.a * np.nan_to_num(volume.r)
-    cut, fill = float(each[cut_cells].sum()), -float(each[fill_cells].sum())
-    std, cut_std, fill_std = standard_deviations(budget)
-    relief = _relief(volume, points)
-    limit, undetected = _level_of_detection(volume, relief), relief.undetected
-    edges = slab_edges(float(r.min()), float(r.max()), recipe.slices, recipe.slice_height)
-    even = np.allclose(np.diff(edges), edges[1] - edges[0], rtol=1e-6)
-    elevation = surface.filled[inside & np.isfinite(surface.filled)]
-    return AreaResult(
-        name=name,
-        volume_m3=cut - fill,
-        cut_m3=cut,
-        fill_m3=fill,
-        std_m3=std,
-        cut_std_m3=cut_std,
-        fill_std_m3=fill_std,
-        budget=tuple(budget),
-        area_m2=float(surface.polygon.area / factor**2),
-        surface_area_m2=_surface_area(surface),
-        perimeter_m=float(surface.polygon.length / factor),
-        min_z_m=float(elevation.min()),
-        max_z_m=float(elevation.max()),
-        max_height_m=float(np.nanmax(np.abs(volume.r))),
-        coverage=surface.coverage,
-        points_used=int(count.sum()),
-        points_left_out={
-            "outliers": int(surface.heights.outliers[inside].sum()),
-            "other of two surfaces": int(surface.heights.other[inside].sum()),
-        },
-        slice_height_m=float(edges[1] - edges[0]) if even else None,
-        slices=tuple(integrate_slices(r, a, volume.above[known], count[known], edges)),
-        base=volume.base.name,
-        cell_m=surface.cell,
-        checks=tin_check(points.sample, volume, budget),
-        relief=relief,
-        level_of_detection_m=limit,
-        area_changed_m2=(
-            None if undetected is None else float(surface.a[known & ~undetected].sum())
-        ),
-    )
-
-
-def _level_of_detection(volume: CutFill, relief: Relief) -> float | None:
-    """Return that of a typical cell at 95 %, metres; None where it is not measured on a survey."""
-    if volume.surface.second is None or relief.sigma_m is None:
-        return None
-    return INTERVAL95 * float(np.nanmedian(relief.sigma_m))
-
-
-def _relief(volume: CutFill, points: AreaPoints) -> Relief:
-    """Return what pictures are drawn from, in the frame."""
-    surface, window, sigma = volume.surface, volume.surface.heights.window, _sigma(volume)
-    undetected = None
-    if surface.second is not None:
-        undetected = np.isfinite(sigma) & (np.abs(volume.r) <= INTERVAL95 * sigma)
-    return Relief(
-        window.min_x + points.origin[0],
-        window.min_y + points.origin[1],
-        window.cell,
-        surface.filled,
-        volume.r,
-        surface.fraction,
-        surface.measured,
-        points.to_frame(surface.polygon).wkb,
-        sigma_m=sigma,
-        undetected=undetected,
-    )
-
-
-def _sigma(volume: CutFill) -> FloatArray:
-    """Return the standard deviation of each cell's height above the base, (ny, nx) metres.
-
-    Of the noise of the cell and, where the base stands for ground, of the predicted ground.
-    """
-    surface, known = volume.surface, np.isfinite(volume.r)
-    square = np.broadcast_to(surface.noise.cell, known.shape) ** 2
-    if volume.ground is not None and volume.base.is_ground:
-        square = square.copy()
-        places = surface.heights.window.middles(known)
-        square[known] += np.maximum(volume.ground.variance(*places), 0.0)
-    return np.where(known, np.sqrt(square), np.nan)
-
-
-def _surface_area(surface: AreaSurface) -> float:
-    """Return the area along the slopes of the surface smoothed over 3 x 3 cells."""
-    z = surface.filled
-    known = np.isfinite(z)
-    level = float(z[known].mean())
-    total, count = (
-        ndimage.uniform_filter(values, 3, mode="constant")
-        for values in (np.where(known, z - level, 0.0), known.astype(np.float64))
-    )
-    smooth = total / np.maximum(count, 1e-9)
-    down, right = np.gradient(smooth, surface.cell)
-    slope = np.where(known & surface.inside, np.sqrt(1.0 + down**2 + right**2), 1.0)
-    return float((surface.a * slope).sum())
