@@ -7,8 +7,9 @@ from typing import Optional, Sequence, Union
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import cKDTree
 
-from ...types import FloatArray, Gap
+from ...types import FloatArray, Gap, IntArray
 from .hollows import water_levels
 from .sections import BodySurface, surface_of
 from .spaces import Spaces, border_faces, find_pockets, find_spaces, open_faces
@@ -21,6 +22,10 @@ _SHALLOW = 4.0
 
 #: The skin is space no wider than this quantile of the widths of the surface's faces.
 _SKIN = 0.99
+
+#: Points outside of a body that are farther from it than this many spacings are none of its noise,
+#: which its skin holds.
+_APART = 3.0
 
 #: A sheet of points has less than this many spacings between its sides.
 _SHEET = 0.5
@@ -45,6 +50,7 @@ class Enclosed:
     patches : (G, 3, 3) float64, the triangles that close them.
     leaks : openings wider than allowed, not closed.
     thin_walled : the walls are so thin that their two sides were taken as one.
+    apart : (K,) int64, the points that lie outside of the body, farther than noise explains.
     """
 
     surface: BodySurface
@@ -59,6 +65,7 @@ class Enclosed:
     patches: FloatArray
     leaks: Sequence[Gap]
     thin_walled: bool
+    apart: IntArray
 
     @property
     def skin(self) -> float:
@@ -123,7 +130,19 @@ def enclose(points: FloatArray, *, hollow: bool, max_gap: Optional[float]) -> Un
         patches=space.points[space.faces[spaces.closing]],
         leaks=spaces.leaks,
         thin_walled=thin_walled,
+        apart=_apart(space, solid[:-1]),
     )
+
+
+def _apart(space: Tetrahedra, solid: npt.NDArray[np.bool_]) -> IntArray:
+    """Return the points that are no corner of matter, and far from all that are."""
+    of_matter = np.zeros(len(space.points), dtype=bool)
+    of_matter[space.corners[solid]] = True
+    outside = np.flatnonzero(~of_matter)
+    if not len(outside) or not of_matter.any():
+        return outside
+    away = cKDTree(space.points[of_matter]).query(space.points[outside])[0]
+    return np.asarray(outside[away > _APART * space.spacing[outside]])
 
 
 def _skin_width(space: Tetrahedra, matter: npt.NDArray[np.bool_]) -> float:

@@ -22,6 +22,9 @@ _HOLLOW = 0.002
 _GAP_ADVICE = "; --max-gap sets how wide an opening may be closed"
 _FLOOR_ADVICE = "; --floor none measures all points"
 
+#: Share of the points outside of the body above which that is told.
+_APART = 0.005
+
 _Place = Callable[[Gap], str]
 
 
@@ -44,6 +47,7 @@ def body_warnings(
     """
     yield from _openings(body, place, "" if recipe.max_gap is not None else _GAP_ADVICE)
     yield from _floor(standing, hidden, volume, "" if recipe.floor != "auto" else _FLOOR_ADVICE)
+    yield from _apart(standing, body)
     yield from _walls(body)
     if not recipe.hollow:
         yield from _hollows(body, volume)
@@ -64,6 +68,22 @@ def why_open(leaks: Sequence[Gap], place: _Place) -> str:
         "body on the ground keep some ground round it or give --floor Z, for a piece of land use "
         "--shape terrain"
     )
+
+
+def _apart(standing: Standing, body: Enclosed) -> Iterator[Notice]:
+    """Yield that points lie outside of the body that was found, which should be on it."""
+    # The others are those of the lid, which is wider than the body.
+    numbers = body.apart[body.apart < len(standing.points)]
+    count, total = int(standing.counts[numbers].sum()), int(standing.counts.sum())
+    if count > _APART * total:
+        yield Notice(
+            "points-outside-body",
+            f"{count / total:.1%} of the points ({count:,}) lie outside of the body that was "
+            "found: they enclose nothing by themselves, and what they belong to is not in the "
+            "volume; look at the pictures, give --floor, or take more photographs there",
+            points=count,
+            share=count / total,
+        )
 
 
 def _openings(body: Enclosed, place: _Place, advice: str) -> Iterator[Notice]:
