@@ -294,3 +294,29 @@ def test_water_does_not_fall_as_it_rises_and_levels_above_all_ground_are_told(tm
         values = [getattr(row, column) for row in result.stage.levels]
         assert values == sorted(values)
     assert "stage-above-ground" in [notice.code for notice in result.warnings]
+
+
+def lipped(x, y):
+    """A frustum of 4 m depth, radii 20 m and 12 m, in ground that is tilted by 2 %."""
+    away = np.hypot(x, y)
+    tilted = LEVEL + 0.02 * x
+    return np.minimum(tilted, 95.9 + np.clip(away - 12.0, 0.0, None) / 2.0)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_the_capacity_behind_a_sharp_lip_is_within_its_interval(tmp_path, seed):
+    cloud = cloud_at(tmp_path / "lip.laz", lipped, half=30, count=100_000, noise=0.03, seed=seed)
+    (result,) = quantify_client.measure(
+        cloud, area=areas(ring_of(25.0)), stage="auto", grid=True
+    ).results
+    # It spills where the lip is lowest, at x = -r: 100 - 0.02 r = 95.9 + (r - 12) / 2.
+    radius = (100.0 - 95.9 + 6.0) / 0.52
+    level = 100.0 - 0.02 * radius
+    side = np.arange(-25.0, 25.0, 0.02) + 0.01
+    u, v = np.meshgrid(side, side)
+    held = np.clip(level - lipped(u, v), 0.0, None)[np.hypot(u, v) < radius + 0.02]
+    truth = float(held.sum()) * 0.0004
+    stage = result.stage
+    assert abs(stage.capacity_m3 - truth) < 2.5 * stage.capacity_std_m3 < 0.05 * truth
+    (point,) = [one for one in stage.pour_points if one.outside]
+    assert abs(point.level_m - level) < 2.5 * point.level_std_m

@@ -72,7 +72,7 @@ def _option(name: str, **changed: Any) -> Argument:
     else:
         about["metavar"] = "|".join([*option.choices, str(option.metavar)])
         if option.kind == "levels":
-            about["nargs"] = "+"
+            about.update(nargs="+", metavar=(about["metavar"], str(option.metavar)))
     return Argument(option.flag, {**about, **changed}, option.group)
 
 
@@ -197,7 +197,13 @@ COMMANDS: Mapping[str, Command] = {
         [
             _value("before", "BEFORE", "the earlier survey; whatever volume takes"),
             _value("after", "AFTER", "the later one"),
-            _value("later", "LATER", "more surveys, each later than the one before", nargs="*"),
+            _value(
+                "later",
+                "LATER",
+                "more surveys, each later than the one before",
+                nargs="*",
+                default=[],
+            ),
             *_in(
                 "what is measured",
                 _option("area", help="polygons, drawn on the earlier survey; a result for each"),

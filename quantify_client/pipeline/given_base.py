@@ -27,6 +27,10 @@ _MOST_POINTS = 1_000_000
 #: Characters of a file's name, as a result's base.
 _NAME = 40
 
+#: Fewer floor points tell their own error badly: Student's t of five degrees of freedom is 1.3
+#: times that of many.
+_FEW = 10
+
 #: Share of an area that may be lost to rounding along a common edge.
 _ROUNDING = 1e-6
 
@@ -119,7 +123,8 @@ def floor_base(floor: Source) -> BaseIn:
         for chunk in chunks:
             left_out.update(chunk.left_out)
         base = through_points(name[:_NAME], points)
-        told += [*_lost(name, left_out), *_doubles(name, points), *_blunders(name, base)]
+        told += [*_few(name, base), *_lost(name, left_out), *_doubles(name, points)]
+        told += _blunders(name, base)
         return Given(base, [*info.warnings, *told])
 
     return placed
@@ -155,6 +160,16 @@ def between_corners(
         "lines between those that have one"
     )
     return base, (Notice("corners-without-elevation", text, corners=area.corners_lost),)
+
+
+def _few(name: str, base: GivenBase) -> Iterator[Notice]:
+    """Yield a warning of points that are too few to tell their own error."""
+    if len(base.points) < _FEW:
+        text = (
+            f"{name}: {len(base.points)} points tell little of how far they are off the floor, "
+            f"and the interval is wide for it: survey {_FEW} or more, some in the midst of others"
+        )
+        yield Notice("base-points-few", text, file=name, points=len(base.points))
 
 
 def _lost(name: str, left_out: Mapping[str, int]) -> Iterator[Notice]:

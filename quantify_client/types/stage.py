@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Annotated, Optional, Sequence
 
@@ -36,6 +37,8 @@ class PourPoint:
     water_area_m2: Positive
     lowest_m: Annotated[float, "Of the basin."]
     outside: Annotated[bool, "Over the outline of the area; false: into another basin of it."]
+    level_std_m: Positive = 0.0
+    std_m3: Annotated[Positive, "Of volume_m3: by that of the level."] = 0.0
 
 
 @dataclass(frozen=True)
@@ -53,3 +56,9 @@ class Stage:
         """Return what all basins that spill over the outline hold together."""
         held = [point.volume_m3 for point in self.pour_points if point.outside]
         return sum(held) if held else None
+
+    @property
+    def capacity_std_m3(self) -> Annotated[Optional[float], "Of capacity_m3."]:
+        """Return its standard deviation; errors of basins are independent."""
+        std = [point.std_m3 for point in self.pour_points if point.outside]
+        return math.hypot(*std) if std else None

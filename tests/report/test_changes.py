@@ -99,7 +99,7 @@ def test_an_alignment_is_told_once() -> None:
         "Tilt, rising to": "+0.031 % east, -0.019 % north",
         "Differences on stable ground, before": "0.22 m",
         "Differences on stable ground, now": "0.031 m",
-        "Mean of these, before": "+0.1043 ± 0.0061 m (july.laz above the other)",
+        "Mean of these, before": "0.1043 ± 0.0061 m (july.laz above the other)",
         "Stable ground compared": "12 340 m²",
     }
     for value in rows.values():
@@ -212,7 +212,7 @@ def test_what_an_area_holds_is_told_in_one_line() -> None:
     assert plain(capacity_words(one, US)) == (
         "711 yd³ when full, spills over the outline at 1 083.99 ft"
     )
-    assert "nothing is shut in" in capacity_words(Stage(held.levels, held.pour_points[2:]), METRIC)
+    assert "no basin was found" in capacity_words(Stage(held.levels, held.pour_points[2:]), METRIC)
     assert "holds 561 m³ in 2 basins" in printed(surveys.measurement(changes.pond()))
 
 

@@ -75,7 +75,7 @@ def limits_of(before: FloatArray, after: FloatArray) -> Tuple[float, float]:
 
 def _named(words: str, spread_m: Any, units: Units) -> str:
     spread = spread_words(spread_m, units)
-    return words if spread == NOTHING else f"{words}: 1 \u03c3 = {spread}"
+    return words if spread == NOTHING else f"{words}: {spread} about 0 (robust)"
 
 
 def _draw_bars(

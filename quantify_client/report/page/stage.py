@@ -76,7 +76,7 @@ def _pour_points(stage: Stage, units: Units) -> Markup:
             where_words(point),
             units.length_number(point.level_m),
             *place_words(point),
-            held_words(point.volume_m3, units),
+            held_words(point.volume_m3, point.std_m3, units),
             number(point.water_area_m2 * units.area_per_m2),
             units.length_number(point.lowest_m),
         ]

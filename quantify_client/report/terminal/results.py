@@ -7,7 +7,7 @@ from rich.console import Console
 from ...types import AreaFailure, AreaResult, Measurement
 from ..wording.alignment import earlier_survey, others_than_moved
 from ..wording.notices import in_units, lines_of_kinds, warnings_of_results
-from ..wording.stage import capacity_words
+from ..wording.stage import capacity_words, level_lines, spilling
 from ..wording.terms import VOLUME, Terms, terms_of
 from ..wording.units import Units, count, display_units, plus_minus
 from ..wording.words import (
@@ -106,7 +106,10 @@ def _print_remarks(
         changed = f"{terms.changed.lower()}: {changed_words(result, units)}"
         say(console, f"{name}level of detection of a cell: {limit}; {changed}")
     if result.stage is not None:
-        say(console, f"{name}holds {capacity_words(result.stage, units)}")
+        holds = "holds " if spilling(result.stage) else ""
+        say(console, f"{name}{holds}{capacity_words(result.stage, units)}")
+        for line in level_lines(result.stage, units):
+            say(console, f"{name}{line}")
     for check in result.checks:
         volume = units.volume_text(check.volume_m3, result.std_m3)
         say(console, f"{name}check by {check.method}: {volume}")

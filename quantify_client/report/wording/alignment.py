@@ -141,6 +141,7 @@ def _bias(aligned: Aligned, units: Units) -> str:
     bias, std = aligned.bias_m, aligned.bias_std_m
     if bias is None:
         return NOTHING
-    shown = signed_length(-bias, std, units)
+    shown = signed_length(abs(bias), std, units).lstrip("+")
     spread = "" if std is None else f" \u00b1 {units.length_by_error(std, std)}"
-    return f"{shown}{spread}\u00a0{units.length} ({survey_name(aligned.moved)} above the other)"
+    where = "above" if bias < 0 else "below"
+    return f"{shown}{spread}\u00a0{units.length} ({survey_name(aligned.moved)} {where} the other)"

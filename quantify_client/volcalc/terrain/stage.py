@@ -17,6 +17,7 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from ...types import FloatArray, IntArray, PourPoint, Stage, StageLevel
+from .grid import slopes
 from .integrate import round_height
 from .robust import SURE
 
@@ -27,6 +28,9 @@ _AUTO_LEVELS = 20
 
 #: Pour points, at most: those of the basins that hold most.
 _MOST_POINTS = 20
+
+#: The lowest of many cells along a crest is too low by about so many standard deviations of a cell.
+_LOWEST_OF_MANY = 2.0
 
 #: Basins that hold less than this share of the largest one are not told.
 _LEAST_SHARE = 1e-3
@@ -50,7 +54,7 @@ class Basins:
 
     Attributes
     ----------
-    outline : height of the lowest cell along the outline, metres.
+    outline : height of the lowest ground along the outline, metres.
     points : where they spill, those that lead out of the area first.
     """
 
@@ -114,9 +118,11 @@ def find_basins(
     heights, ends, places = _passes(z, known, edge, basin)
     found = []
     typical = float(np.median(np.broadcast_to(noise, z.shape)[known])) if known.any() else 0.0
+    lip = _lips(z)
     for event in _joined(lowest, heights, ends, places, 2.0 * SURE * typical):
         within = np.isin(basin, event.basins) & ~above_level(z - event.level, a, noise)
         row, column = divmod(event.place, z.shape[1])
+        std = float(np.hypot(lip[row, column], _LOWEST_OF_MANY * typical))
         point = PourPoint(
             event.level,
             corner[0] + (column + 0.5) * cell,
@@ -125,12 +131,25 @@ def find_basins(
             float(a[within].sum()),
             event.lowest,
             event.outside,
+            std,
+            std * float(a[within].sum()),
         )
         found.append(point)
     most = max((point.volume_m3 for point in found), default=0.0)
     found = [point for point in found if point.volume_m3 > _LEAST_SHARE * most]
     found.sort(key=lambda point: (not point.outside, -point.volume_m3))
-    return Basins(outline, found[:_MOST_POINTS])
+    # The lowest of many cells is lower than the outline by its noise.
+    return Basins(outline + _LOWEST_OF_MANY * typical, found[:_MOST_POINTS])
+
+
+def _lips(z: FloatArray) -> FloatArray:
+    """Return by how much cells may round off a crest at each place, (ny, nx) metres.
+
+    A crest between slopes of s and -s is s c / 4 lower in the mean of a cell c wide that it divides
+    in the middle, an eighth of what both slopes differ by from cell to cell.
+    """
+    _, kinks = slopes(z)
+    return np.asarray(ndimage.maximum_filter(kinks.max(axis=0), 3) / 8.0)
 
 
 def above_level(
