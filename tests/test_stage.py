@@ -108,6 +108,7 @@ def in_bowl(level, bottom):
     return math.pi * max(level - bottom, 0.0) ** 2 / 0.1
 
 
+@pytest.mark.one_python
 def test_two_basins_that_do_not_meet_are_both_filled(tmp_path):
     levels = [40.5, 41.0, 42.0, 43.0, 44.0, 44.5]
     result = staged(tmp_path / "pond.laz", pond, ring_of(24.0), levels)
@@ -125,6 +126,7 @@ def joined_pond(x, y):
     return np.minimum(np.minimum(*each), 44.0)
 
 
+@pytest.mark.one_python
 def test_two_basins_that_meet_pour_over_their_saddle(tmp_path):
     result = staged(tmp_path / "pond.laz", joined_pond, ring_of(25.0), "auto", half=28.0)
     x = 1.0 / (0.02 * 36.0)  # where 0.02 (x + 9)^2 + 40 = 0.02 (x - 9)^2 + 41
@@ -147,6 +149,7 @@ def test_two_basins_that_meet_pour_over_their_saddle(tmp_path):
     assert result.stage.capacity_m3 == pytest.approx(held, rel=5e-3)
 
 
+@pytest.mark.one_python
 def test_intervals_hold_the_closed_form_with_noise_of_five_centimetres(tmp_path):
     rows = []
     for seed in range(6):
@@ -248,6 +251,7 @@ def test_what_is_no_level_is_refused_in_one_line(given):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.one_python
 def test_the_command_writes_the_curve(tmp_path, capsys):
     cloud = cloud_at(tmp_path / "pit.laz", pit)
     area = tmp_path / "area.geojson"
@@ -268,6 +272,7 @@ def test_the_command_writes_the_curve(tmp_path, capsys):
     assert main(["volume", cloud, "--stage", "high"]) == 2
 
 
+@pytest.mark.one_python
 def test_a_plateau_around_a_pit_holds_nothing_and_the_capacity_is_that_of_the_last_level(tmp_path):
     def dish(x, y):
         return LEVEL - np.clip(1.0 - (x**2 + y**2) / 36.0, 0.0, None)
@@ -284,6 +289,7 @@ def test_a_plateau_around_a_pit_holds_nothing_and_the_capacity_is_that_of_the_la
         assert result.stage.capacity_m3 == pytest.approx(last.volume_m3, rel=0.01)
 
 
+@pytest.mark.one_python
 def test_water_does_not_fall_as_it_rises_and_levels_above_all_ground_are_told(tmp_path):
     cloud = cloud_at(tmp_path / "small.laz", pit, count=20_000, noise=0.02)
     levels = [99.9 + 0.001 * step for step in range(120)]
@@ -303,6 +309,7 @@ def lipped(x, y):
     return np.minimum(tilted, 95.9 + np.clip(away - 12.0, 0.0, None) / 2.0)
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_the_capacity_behind_a_sharp_lip_is_within_its_interval(tmp_path, seed):
     cloud = cloud_at(tmp_path / "lip.laz", lipped, half=30, count=100_000, noise=0.03, seed=seed)

@@ -22,6 +22,9 @@ from quantify_client.types import StableGround, Stage
 
 from . import changes, surveys
 
+# Drawn by the same matplotlib on either Python.
+pytestmark = pytest.mark.one_python
+
 
 def size_of(png: bytes) -> Tuple[int, int]:
     image = Image.open(io.BytesIO(png))

@@ -31,6 +31,7 @@ BODY = Enclosed(
     patches=np.empty((0, 3, 3)),
     leaks=(),
     thin_walled=False,
+    apart=np.empty(0, dtype=np.int64),
 )
 
 
