@@ -312,6 +312,29 @@ def test_an_area_that_the_other_survey_does_not_show(before, tmp_path):
     assert "half.laz" in unseen.error or "other survey" in unseen.error
 
 
+def test_a_base_that_is_too_sparse_within_an_area(before, after, tmp_path):
+    """Of the earlier survey only a corner of the area is left, and all that is around it."""
+    points = survey(ground)
+    a, b, r, _ = GAINED
+    inside = np.hypot(points[0] - a, points[1] - b) < r + 4.0
+    kept = ~inside | (points[0] > a + 0.6 * r)
+    sparse = write(tmp_path / "sparse.laz", points[:, kept])
+    (failed,) = quantify_client.measure(after, base=str(sparse), area=areas(GAINED)).results
+    assert isinstance(failed, AreaFailure)
+    assert failed.error.startswith("in sparse.laz, points support ")
+    assert "at least 50% are needed" in failed.error
+
+
+@pytest.mark.one_python
+def test_a_dem_without_a_crs_beside_surveys_with_one(before, tmp_path):
+    rasterio = pytest.importorskip("rasterio")
+    about = {"driver": "GTiff", "width": 60, "height": 60, "count": 1, "dtype": "float32"}
+    about["transform"] = rasterio.transform.from_origin(EAST - 30, NORTH + 30, 1, 1)
+    with rasterio.open(tmp_path / "dem.tif", "w", **about) as raster:
+        raster.write(np.full((60, 60), LEVEL, dtype=np.float32), 1)
+    assert "dem.tif has no CRS" in refused(before, tmp_path / "dem.tif")
+
+
 def test_what_goes_with_one_survey_only(before, after):
     assert "--area auto" in refused(before, after, area="auto")
     with pytest.raises(UsageError):
