@@ -18,6 +18,7 @@ import numpy.typing as npt
 from scipy import ndimage, special
 
 from ...types import BudgetItem, FloatArray
+from .cell_planes import CellPlanes
 from .grid import squares_around
 from .noise import functional_std
 from .surface import AreaSurface, CutFill
@@ -57,7 +58,7 @@ def error_budget(volume: CutFill) -> list[BudgetItem]:
         "survey": np.hypot(survey, [0.0, flat, flat]),
         "base": np.array(from_base),
         "coverage": np.hypot(_coverage(surface, weights > 0), _unmeasured(volume)),
-        "slicing": np.array(_slicing(volume, weights > 0)),
+        "slicing": np.hypot(_slicing(volume, weights > 0), [0.0, *2 * [_cut_cells(volume)]]),
     }
     if surface.second is not None:
         stds["alignment"] = np.concatenate([_misaligned(w, volume) for w in (weights[:1], either)])
@@ -314,6 +315,14 @@ def _unmeasured(volume: CutFill) -> float:
         return 0.0
     known = known & (a > 0)
     return 0.5 * missing * float(np.sqrt(np.average(volume.r[known] ** 2, weights=a[known])))
+
+
+def _cut_cells(volume: CutFill) -> float:
+    """Return what cut and fill each lack in cells that the base cuts, m3; net lacks nothing."""
+    if not (volume.sides[1].any() and volume.sides[2].any()):
+        return 0.0
+    r, noise = volume.r, volume.surface.noise.cell
+    return CellPlanes.of(r, volume.surface.a, r, noise).within(0.0)[0]
 
 
 def _slicing(volume: CutFill, sides: _BOOLS) -> list[float]:

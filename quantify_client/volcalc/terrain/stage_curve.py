@@ -6,12 +6,11 @@ from dataclasses import dataclass, replace
 from typing import Sequence
 
 import numpy as np
-from scipy import ndimage
 
 from ...types import FloatArray, Stage
 from .base import Base
 from .budget import error_budget, standard_deviations
-from .grid import slopes
+from .cell_planes import CellPlanes
 from .stage import Basins, above_level, auto_levels, find_basins, staged
 from .surface import AreaSurface, CutFill, over_base
 
@@ -21,13 +20,6 @@ __all__ = ["StageCurve", "stage_curve"]
 #: interpolated.
 _MANY_CELLS = 50_000
 _FEW_LEVELS = 6
-
-
-#: Cells along the side of a square over which squares of slopes are averaged.
-_AROUND = 5
-
-#: Places along each side of a cell, from its middle, in cells.
-_PLACES = (np.arange(8) + 0.5) / 8.0 - 0.5
 
 
 @dataclass(frozen=True)
@@ -96,7 +88,7 @@ def _below(surface: AreaSurface, level: float) -> CutFill:
 def _held(surface: AreaSurface, levels: FloatArray) -> tuple[FloatArray, list[CutFill]]:
     """Return what lies below each level, (L, 2) m3 and m2, and the surfaces over them."""
     volumes = [_below(surface, level) for level in levels.tolist()]
-    shore = _Shore.of(surface)
+    shore = CellPlanes.of(_below(surface, 0.0).r, surface.a, surface.heights.z, surface.noise.cell)
     held = []
     for volume, level in zip(volumes, levels.tolist()):
         a, below = surface.a, volume.sides[2]
@@ -105,54 +97,3 @@ def _held(surface: AreaSurface, levels: FloatArray) -> tuple[FloatArray, list[Cu
             (float((a[below] * -volume.r[below]).sum()) + more, float(a[below].sum()) + wet)
         )
     return np.array(held), volumes
-
-
-@dataclass(frozen=True)
-class _Shore:
-    """Cells as planes, for those that a level cuts.
-
-    The mean height of such a cell tells less than what lies in it below the level: by s c^2 / 24
-    for each metre of shore, where s is its slope and c the size of cells, on average.
-
-    Attributes
-    ----------
-    z, a : (N,) heights and areas of the cells.
-    rise : (2, N) from one side of each to the other, metres.
-    """
-
-    z: FloatArray
-    a: FloatArray
-    rise: FloatArray
-
-    @classmethod
-    def of(cls, surface: AreaSurface) -> _Shore:
-        """Return the cells of a surface, with slopes as far as they are no noise.
-
-        The square of a slope between the cells to both sides has half of their variance in it; how
-        much of the mean square around is that, is taken off.
-        """
-        ground = _below(surface, 0.0)
-        known = ground.sides[0] & (surface.a > 0)
-        rise, _ = slopes(surface.heights.z)
-        variance = np.broadcast_to(np.square(surface.noise.cell), known.shape)[known] / 2.0
-        each = np.nan_to_num(rise)
-        around = np.stack([ndimage.uniform_filter(one**2, _AROUND)[known] for one in each])
-        share = np.divide(
-            np.maximum(around - variance, 0.0), around, out=np.zeros_like(around), where=around > 0
-        )
-        slope = np.stack([one[known] for one in each])
-        return cls(ground.r[known], surface.a[known], slope * np.sqrt(share))
-
-    def within(self, level: float) -> tuple[float, float]:
-        """Return what is to be added to the volume and the area below a level, m3 and m2."""
-        depth = level - self.z
-        cut = np.abs(depth) < np.abs(self.rise).sum(axis=0) / 2.0
-        depth, a = depth[cut], self.a[cut]
-        if not len(depth):
-            return 0.0, 0.0
-        east, north = np.meshgrid(_PLACES, _PLACES)
-        planes = self.rise[0, cut, None] * east.ravel() + self.rise[1, cut, None] * north.ravel()
-        under = depth[:, None] - planes
-        held = np.maximum(under, 0.0).mean(axis=1) - np.maximum(depth, 0.0)
-        wet = (under > 0).mean(axis=1) - (depth > 0)
-        return float((a * held).sum()), float((a * wet).sum())
