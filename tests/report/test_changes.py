@@ -28,9 +28,10 @@ def plain(text: str) -> str:
 
 
 def printed(measurement: Measurement, width: int = 140, units: str = "metric") -> str:
-    console = Console(width=width, file=io.StringIO(), force_terminal=False)
+    file = io.StringIO()
+    console = Console(width=width, file=file, force_terminal=False)
     print_table(measurement, console, units=units)
-    return console.file.getvalue()  # type: ignore[attr-defined]
+    return file.getvalue()
 
 
 def page(measurement: Measurement, units: str = "metric") -> str:

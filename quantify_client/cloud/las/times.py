@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Optional
 
 import laspy
+import lazrs
 
 __all__ = ["time_of_points"]
 
@@ -25,10 +26,11 @@ def time_of_points(path: Path) -> Optional[datetime]:
         with laspy.open(path) as file:
             encoding = file.header.global_encoding
             is_standard = encoding.gps_time_type == laspy.header.GpsTimeType.STANDARD
-            if not is_standard or not file.header.point_count:
+            has_times = "gps_time" in file.header.point_format.dimension_names
+            if not (is_standard and has_times and file.header.point_count):
                 return None
             points = file.read_points(1)
             seconds = float(points["gps_time"][0])
             return _GPS + timedelta(seconds=seconds + _LESS) if seconds else None
-    except Exception:  # a format without times, or a value that no calendar has
-        return None
+    except (laspy.errors.LaspyException, lazrs.LazrsError, OSError, ValueError, OverflowError):
+        return None  # no such file, or a value that no calendar has
