@@ -13,7 +13,7 @@ from ..errors import InputError, QuantifyError
 from ..options import for_objects
 from ..source import Source
 from ..types import AreaResult, Bounds, Faces, FloatArray, Floor, Measurement, Notice, Options
-from ..volcalc.body.measure import floor_of, measure_body, share_from_above
+from ..volcalc.body.measure import floor_and_heap, measure_body
 from ..volcalc.body.voxels import Thinned, VoxelAccumulator
 from ..volcalc.body_slices import BodyRecipe
 from ..volcalc.mesh.measure import measure_mesh
@@ -32,7 +32,7 @@ from .common import (
 )
 from .streaming import Progress, gather, stream, thread_count
 
-__all__ = ["ByFaces", "HeapFoundError", "find_floor", "measure_faces", "measure_whole_body"]
+__all__ = ["ByFaces", "find_floor", "measure_faces", "measure_whole_body"]
 
 #: A cloud whose core is a smaller share of its box than this is read again, in cubes fit for it.
 _LEAST_CORE = 1e-3
@@ -52,22 +52,6 @@ class ByFaces(NamedTuple):
     left_out: Mapping[str, int]
     factor: Optional[float]
     warnings: Tuple[str, ...]
-
-
-#: What is seen from above by more than this share, on ground that goes on around it, is a heap: of
-#: a ball or a cube on a floor it is less than half, of half a ball nine tenths.
-_HEAP = 0.95
-
-
-class HeapFoundError(Exception):
-    """The cloud shows a heap on its ground, and the shape was left to be found.
-
-    `share` of it is seen from above.
-    """
-
-    def __init__(self, share: float) -> None:
-        super().__init__(share)
-        self.share = share
 
 
 def measure_whole_body(
@@ -99,8 +83,7 @@ def measure_whole_body(
 def find_floor(source: Source, frame: Frame, report: Progress) -> Tuple[Optional[Floor], bool]:
     """Return the floor that would be found under the body, and whether it is a heap on it."""
     thinned, *_ = _thinned(source, frame, 0, report)
-    share = share_from_above(thinned)
-    return floor_of(thinned), share is not None and share > _HEAP
+    return floor_and_heap(thinned)
 
 
 def _factor_and_recipe(
@@ -127,11 +110,8 @@ def _by_sections(
     thinned, left_out, bounds = _thinned(source, frame, options.threads, report)
     factor, recipe = _factor_and_recipe(source, frame, bounds, options)
     report("finding the body", 0.0)
-    if options.shape == "auto" and not for_objects(options):
-        share = share_from_above(thinned)
-        if share is not None and share > _HEAP:
-            raise HeapFoundError(share)
-    result = measure_body(source.stem, thinned, recipe)
+    is_left_open = options.shape == "auto" and not for_objects(options)
+    result = measure_body(source.stem, thinned, recipe, unless_heap=is_left_open)
     report("finding the body", 1.0)
     return result, left_out, factor
 

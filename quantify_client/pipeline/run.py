@@ -276,7 +276,8 @@ def _measured_in(
         from .terrain import measure_areas
 
         return measure_areas(source, frame, options, report, base_in)
-    from .body import HeapFoundError, measure_whole_body
+    from ..volcalc.body.heap import HeapFoundError
+    from .body import measure_whole_body
 
     try:
         return measure_whole_body(source, frame, options, report)

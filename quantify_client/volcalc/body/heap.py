@@ -10,13 +10,34 @@ import numpy as np
 from .floor import Standing
 from .spacing import spacings
 
-__all__ = ["seen_from_above"]
+__all__ = ["HeapFoundError", "heap_share", "seen_from_above"]
+
+#: What is seen from above by more than this share, on ground that goes on around it, is a heap: of
+#: a ball or a cube on a floor it is less than half, of half a ball nine tenths.
+_HEAP = 0.95
 
 #: Side of the squares in which points are compared, in spacings.
 _SIDE = 2.0
 
 #: A surface steeper than this is a wall or overhangs: loose material lies at 30 to 40 degrees.
 _STEEP = math.radians(60.0)
+
+
+class HeapFoundError(Exception):
+    """The cloud shows a heap on its ground, and the shape was left to be found.
+
+    `share` of it is seen from above.
+    """
+
+    def __init__(self, share: float) -> None:
+        super().__init__(share)
+        self.share = share
+
+
+def heap_share(standing: Standing) -> Optional[float]:
+    """Return which share of a heap on its ground is seen from above; None for what is no heap."""
+    share = seen_from_above(standing)
+    return share if share is not None and share > _HEAP else None
 
 
 def seen_from_above(standing: Standing) -> Optional[float]:

@@ -17,12 +17,12 @@ from .enclose import Enclosed, Open, enclose
 from .estimate import RESAMPLED, Estimate, closing_std, estimate, hidden_volume, is_same_body
 from .floor import Standing, on_lowest_points, stand
 from .foot import SOUND, Foot, find_foot
-from .heap import seen_from_above
+from .heap import HeapFoundError, heap_share
 from .occupancy import cover, occupancy_volume
 from .voxels import Thinned
 from .warnings import body_warnings, why_open
 
-__all__ = ["floor_of", "measure_body", "share_from_above"]
+__all__ = ["floor_and_heap", "measure_body"]
 
 #: A surface bulges beyond its points only a little where they show its shape. A volume of more than
 #: this many boxes round all points is wrong.
@@ -43,24 +43,29 @@ _CHECK_OF_SKIN = 0.25
 _SHOWN = 20_000
 
 
-def measure_body(name: str, cloud: Thinned, recipe: BodyRecipe) -> AreaResult:
+def measure_body(
+    name: str, cloud: Thinned, recipe: BodyRecipe, *, unless_heap: bool = False
+) -> AreaResult:
     """Return the volume of a body.
 
     Parameters
     ----------
     cloud : points on the body's surface, metres, measuring frame.
+    unless_heap : refuse what is a heap on its ground.
 
     Raises
     ------
     InputError
         Where the points span no body or enclose nothing.
+    HeapFoundError
+        With `unless_heap`.
     """
     if len(cloud.points) < _FEWEST:
         raise InputError(
             f"{len(cloud.points)} points: a volume needs at least {_FEWEST}; give the whole cloud"
         )
     local = _LocalFrame.of(cloud, recipe.ground_factor)
-    standing, body = _enclosed(local, cloud, recipe)
+    standing, body = _enclosed(local, cloud, recipe, unless_heap)
     unseen, hidden_std = hidden_volume(standing, body)
     foot = find_foot(standing, body, unseen)
     found = _estimate(standing, body, recipe, foot)
@@ -99,16 +104,11 @@ def measure_body(name: str, cloud: Thinned, recipe: BodyRecipe) -> AreaResult:
     )
 
 
-def floor_of(cloud: Thinned) -> Optional[Floor]:
-    """Return the floor that ``floor="auto"`` finds in a cloud, None where there is none."""
+def floor_and_heap(cloud: Thinned) -> Tuple[Optional[Floor], bool]:
+    """Return the floor that ``floor="auto"`` finds in a cloud, and whether a heap stands on it."""
     local = _LocalFrame.of(cloud, 1.0)
-    return local.in_frame(stand(local.apply(cloud.points), cloud.counts, "auto").floor)
-
-
-def share_from_above(cloud: Thinned) -> Optional[float]:
-    """Return which share of what stands on ground in a cloud is seen from above; None without."""
-    local = _LocalFrame.of(cloud, 1.0)
-    return seen_from_above(stand(local.apply(cloud.points), cloud.counts, "auto"))
+    standing = stand(local.apply(cloud.points), cloud.counts, "auto")
+    return local.in_frame(standing.floor), heap_share(standing) is not None
 
 
 @dataclass(frozen=True)
@@ -142,12 +142,17 @@ class _LocalFrame:
         return f"({x:.2f}, {y:.2f}, {z:.2f})"
 
 
-def _enclosed(local: _LocalFrame, cloud: Thinned, recipe: BodyRecipe) -> Tuple[Standing, Enclosed]:
+def _enclosed(
+    local: _LocalFrame, cloud: Thinned, recipe: BodyRecipe, unless_heap: bool
+) -> Tuple[Standing, Enclosed]:
     """Return the upright points and their body, closed at its lowest points if open below."""
     floor = recipe.floor
     if not isinstance(floor, str):
         floor = float(floor) - float(local.origin[2])
     standing = stand(local.apply(cloud.points), cloud.counts, floor)
+    share = heap_share(standing) if unless_heap else None
+    if share is not None:
+        raise HeapFoundError(share)
     body = _enclose(standing.points, standing.lid, recipe)
     if isinstance(body, Open) and not body.leaks and standing.pose is None and floor == "auto":
         standing = on_lowest_points(standing)
