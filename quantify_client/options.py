@@ -491,6 +491,11 @@ def _consistent(options: Options) -> Options:
         raise UsageError(f"{_go('proposals')} with --area auto: leave them out")
     if proposes(options.area) and options.area_frame == "control":
         raise UsageError("--area-frame control goes with areas that were surveyed: not --area auto")
+    if options.gcp is not None and options.base_points is not None:
+        raise UsageError(
+            "--base-points does not go with --gcp yet: write the cloud true to size first "
+            "(quantify-client scale), and measure that"
+        )
     if options.gcp is not None and options.grid:
         raise UsageError(
             "--grid goes without --gcp: with control everything is measured on the ground, as the "

@@ -551,3 +551,8 @@ def test_a_code_that_is_none_is_told_with_the_file(cloud, tmp_path):
 def test_feet_of_a_landxml_beside_a_crs_in_metres_are_its_coordinates(cloud, tmp_path):
     path = landxml(tmp_path / "feet.xml", unit="foot", factor=0.3048, epsg=32632)
     is_right(quantify_client.measure(cloud, area=areas(square(10.0)), base=path))
+
+
+def test_floor_points_and_control_are_refused_before_anything_is_read():
+    with pytest.raises(UsageError, match="--base-points does not go with --gcp yet"):
+        quantify_client.measure("missing.laz", base_points="floor.csv", gcp="missing.yml")

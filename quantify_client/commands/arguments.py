@@ -206,7 +206,11 @@ COMMANDS: Mapping[str, Command] = {
             ),
             *_in(
                 "what is measured",
-                _option("area", help="polygons, drawn on the earlier survey; a result for each"),
+                _option(
+                    "area",
+                    metavar="FILE",
+                    help="polygons, drawn on the earlier survey; a result for each",
+                ),
                 _NO_ALIGN,
                 *(_option(name) for name in ("slices", "slice_height", "layer")),
             ),

@@ -59,11 +59,9 @@ def drawn_areas(source: Source, frame: Frame, options: Options, report: Progress
 
 
 def _corners(area: Area, frame: Frame) -> Optional[FloatArray]:
-    return (
-        None
-        if area.corners is None
-        else np.column_stack(apply_matrix(frame.matrix, *area.corners.T))
-    )
+    if area.corners is None:
+        return None
+    return np.column_stack(apply_matrix(frame.matrix, *area.corners.T))
 
 
 def _moved(polygon: Any, frame: Frame) -> Any:

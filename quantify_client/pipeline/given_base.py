@@ -90,7 +90,6 @@ def design_base(path: Path) -> BaseIn:
     design = read_design(path)
 
     def placed(source: Source, frame: Frame) -> Given:
-        _require_no_control(frame)
         box = bounds_in_frame(source, frame)
         points, warnings = _in_frame(design, path.name, frame, box)
         _require_overlap(points, box, path.name)
@@ -104,7 +103,6 @@ def floor_base(floor: Source) -> BaseIn:
     name = Path(floor.label).name or floor.label
 
     def placed(source: Source, frame: Frame) -> Given:
-        _require_no_control(frame)
         info = floor.cloud.info
         if (info.point_count or 0) > _MOST_POINTS:
             raise DesignError(
@@ -207,14 +205,6 @@ def _blunders(name: str, base: GivenBase) -> Iterator[Notice]:
             "its error; remove what is wrong"
         )
         yield Notice("base-points-far-off", text, file=name, off_m=float(off[worst]))
-
-
-def _require_no_control(frame: Frame) -> None:
-    if frame.placement is not None:
-        raise CrsError(
-            "--base-points does not go with --gcp yet: write the cloud true to size first "
-            "(quantify-client scale), and measure that"
-        )
 
 
 def _assumed(name: str) -> Notice:
