@@ -8,7 +8,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, TypeVar, Union
 
-from ..crs import Frame, grid_scale_factor, location_warnings
+from ..crs import Frame, grid_scale_factor, location_warnings, measuring_frame
 from ..errors import CloudError
 from ..options import METHOD_REVISION, OPTIONS, Options
 from ..source import Source
@@ -27,6 +27,7 @@ __all__ = [
     "measurement_of",
     "none_within_bounds",
     "only_vertices",
+    "own_frame",
     "placed_level",
     "provenance",
     "window_of",
@@ -34,6 +35,17 @@ __all__ = [
 
 Result = Union[AreaResult, AreaFailure]
 Level = TypeVar("Level")
+
+
+def own_frame(source: Source, unit: Optional[str]) -> Frame:
+    """Return the frame that a source is measured in by itself.
+
+    Parameters
+    ----------
+    unit : of its coordinates, as ``--source-unit`` gives it.
+    """
+    info = source.cloud.info
+    return measuring_frame(info.crs, unit, info.bounds)
 
 
 def bounds_in_frame(source: Source, frame: Frame) -> Bounds:

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Mapping, Optional, Sequence, Tuple, Union
 
-from ..crs import Frame, measuring_frame
+from ..crs import Frame
 from ..errors import DesignError, SupportError, UsageError
 from ..options import AUTO, OPTIONS, Options, choose_shape, proposes, read_options
 from ..sfm.servers.access import Access
@@ -19,7 +19,7 @@ from ..source import Source, file_of, is_address, open_source
 from ..types import SCHEMA, Floor, Measurement, Notice
 from .accounting import every_point, left_out, losses
 from .checking import with_check_warnings
-from .common import cloud_warnings, coordinates_of, provenance
+from .common import cloud_warnings, coordinates_of, own_frame, provenance
 from .streaming import Progress
 
 if TYPE_CHECKING:
@@ -250,8 +250,7 @@ def _finished(
 def _measured(
     source: Source, options: Options, report: Progress, base_in: Optional[BaseIn] = None
 ) -> Measurement:
-    info = source.cloud.info
-    frame = measuring_frame(info.crs, options.source_unit, info.bounds)
+    frame = own_frame(source, options.source_unit)
     if options.gcp is None:
         return _measured_in(frame, source, options, report, base_in)
     from .control.place import place_cloud
@@ -326,7 +325,7 @@ def describe(
 
 def _described(source: Source, source_unit: Optional[str], report: Progress) -> Mapping[str, Any]:
     info = source.cloud.info
-    frame = measuring_frame(info.crs, source_unit, info.bounds)
+    frame = own_frame(source, source_unit)
     bounds = info.bounds and frame.bounds_to_frame(info.bounds)
     spacing = None
     if bounds and info.point_count:

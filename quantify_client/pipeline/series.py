@@ -14,12 +14,13 @@ import shapely
 import shapely.affinity
 
 from ..areas.read import Area
-from ..crs import Frame, geometry_to_frame, geometry_to_wgs84, measuring_frame
+from ..crs import Frame, geometry_to_frame, geometry_to_wgs84
 from ..errors import InputError, QuantifyError
 from ..options import Options
 from ..source import Source, time_of
 from ..types import AreaFailure, AreaResult, Epochs, Measurement, Notice
 from .change import Areas, measure_surveys, require_plain
+from .common import own_frame
 from .streaming import Progress
 from .together import Surveys, common_frames
 
@@ -60,7 +61,7 @@ def measure_series(
     for other in sources[1:]:  # what cannot be compared at all is told first, by its name
         common_frames(Surveys(sources[0], other, True, align), options)
     first = Surveys(sources[0], sources[-1], True, align)
-    frame = _frame(sources[0], options)
+    frame = own_frame(sources[0], options.source_unit)
     areas = Areas.of(sources[0], frame, options, report)
     whole = measure_surveys(first, options, report, areas)
     if areas is None:
@@ -69,7 +70,8 @@ def measure_series(
     told: List[str] = []
     east = north = 0.0
     for one, other in zip(sources, sources[1:]):
-        there = [_moved(area, frame, _frame(one, options), (east, north)) for area in areas.each]
+        to = own_frame(one, options.source_unit)
+        there = [_moved(area, frame, to, (east, north)) for area in areas.each]
         pair = Surveys(one, other, True, align)
         try:
             found = measure_surveys(pair, options, report, replace(areas, each=there, warnings=()))
@@ -85,11 +87,6 @@ def measure_series(
     series.append(_epochs(sources[0], sources[-1], whole))
     warnings = list(dict.fromkeys([*whole.warnings, *told]))
     return replace(whole, series=tuple(series), warnings=tuple(warnings))
-
-
-def _frame(source: Source, options: Options) -> Frame:
-    info = source.cloud.info
-    return measuring_frame(info.crs, options.source_unit, info.bounds)
 
 
 def _measured_area(whole: Measurement) -> Area:

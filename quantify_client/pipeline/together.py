@@ -13,7 +13,7 @@ from typing import Dict, Mapping, Sequence, Tuple
 import numpy as np
 import shapely
 
-from ..crs import Frame, frame_onto, measuring_frame
+from ..crs import Frame, frame_onto
 from ..errors import SupportError
 from ..options import Options
 from ..source import Source
@@ -26,7 +26,7 @@ from ..volcalc.terrain.grid import cell_parts
 from ..volcalc.terrain.heights import cell_heights, mark_layers
 from ..volcalc.terrain.outline import cloud_outline
 from ..volcalc.terrain.toe import polygonal
-from .common import bounds_in_frame, window_of
+from .common import bounds_in_frame, own_frame, window_of
 from .streaming import Progress, accumulate, thread_count
 from .whole_cloud import nearest_to_zero
 
@@ -96,10 +96,7 @@ class Together:
 
 def common_frames(surveys: Surveys, options: Options) -> Tuple[Frame, Frame]:
     """Return the frame of the reference, and that which brings the other one into it."""
-    own = [
-        measuring_frame(source.cloud.info.crs, options.source_unit, source.cloud.info.bounds)
-        for source in surveys.each
-    ]
+    own = [own_frame(source, options.source_unit) for source in surveys.each]
     return own[0], frame_onto(own[1], own[0], surveys.names[1])
 
 

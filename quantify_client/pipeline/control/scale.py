@@ -15,7 +15,7 @@ import shapely
 
 from ...areas.read import Area
 from ...cloud.writing import RewriteReport, require_rewritable, rewrite_cloud
-from ...crs import Frame, measuring_frame
+from ...crs import Frame
 from ...errors import AreaError, UsageError
 from ...files.reading import real_path
 from ...files.writing import require_replaceable
@@ -25,7 +25,7 @@ from ...sfm.servers.access import Access
 from ...source import Source, open_source
 from ...types import AreaFailure, Bounds, FloatArray, Notice, Scaled
 from ..areas import drawn_areas
-from ..common import cloud_warnings, provenance
+from ..common import cloud_warnings, own_frame, provenance
 from ..streaming import Progress
 from .place import Placement, place_cloud
 
@@ -79,7 +79,7 @@ def scale(
         list(sources), cameras=True, access=access, progress=report, options=options
     ) as source:
         info = source.cloud.info
-        frame = measuring_frame(info.crs, source_unit, info.bounds)
+        frame = own_frame(source, source_unit)
         if target is not None:
             require_rewritable(source.files, target)
         placement = place_cloud(source, frame, options)
