@@ -332,6 +332,14 @@ class Options:
         goes_with="section",
         **_LENGTH,
     )
+    cameras: Optional[Any] = _option(
+        None,
+        "where photographs were taken (shots.geojson, or any text file of x, y, z): tells which "
+        "space was seen to be empty (default: what the ODM project says)",
+        OBJECT,
+        goes_with="section",
+        **_FILE,
+    )
     floor: Union[str, float] = _option(
         "auto",
         "what it stands on; the ground is left out and the body closed there",

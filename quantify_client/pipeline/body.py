@@ -20,6 +20,7 @@ from ..volcalc.mesh.measure import measure_mesh
 from ..volcalc.paper import measure_polar
 from .accounting import FAR
 from .areas import cloud_window
+from .cameras import cameras_of
 from .common import (
     bounds_in_frame,
     finish,
@@ -101,6 +102,7 @@ def _factor_and_recipe(
         accuracy=options.accuracy,
         center_caps=options.center_caps,
         ground_factor=factor or 1.0,
+        cameras=cameras_of(source, frame, options),
     )
 
 
@@ -229,6 +231,7 @@ def _without_effect(options: Options) -> Tuple[str, ...]:
     given = {
         "--hollow": options.hollow,
         "--max-gap": options.max_gap is not None,
+        "--cameras": options.cameras is not None,
         "--floor": options.floor != "auto",
     }
     names = [name for name, is_given in given.items() if is_given]

@@ -48,6 +48,7 @@ def measure(
     center_caps: bool = False,
     hollow: bool = False,
     max_gap: Optional[float] = None,
+    cameras: Optional[Any] = None,
     floor: Union[str, float] = "auto",
     accuracy: Optional[float] = None,
     grid: bool = False,
@@ -73,7 +74,7 @@ def measure(
     area : file with polygons, or GeoJSON, shapely geometries or a GeoDataFrame; a result for each.
         Or ``"auto"``: outlines of stockpiles are proposed (:attr:`Measurement.proposals`) and
         measured; then least_height (m) and least_area (m2) say which are large enough.
-    shape, method, slices, slice_height, toe, layer, center_caps, hollow, max_gap, floor,
+    shape, method, slices, slice_height, toe, layer, center_caps, hollow, max_gap, cameras, floor,
     accuracy, grid, gcp, area_frame, scale_mode, crs, source_unit, vertical_unit, threads : as on
         the command line (``quantify-client volume --help``) and in :class:`Options`; lengths and
         elevations in metres.
@@ -114,7 +115,7 @@ def measure(
         source = stack.enter_context(
             open_source(
                 list(sources),
-                cameras=options.gcp is not None,
+                cameras=options.gcp is not None or options.shape == "object",
                 access=access,
                 windowed=options.area is not None and not proposes(options.area),
                 progress=report,

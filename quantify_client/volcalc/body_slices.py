@@ -57,6 +57,7 @@ class BodyRecipe:
     accuracy : of a mesh, standard deviation of its surface along the normal, metres; or None.
     center_caps : of the paper's method, see `slab_edges`.
     ground_factor : grid length / ground length at the site.
+    cameras : (K, 3) float64, where photographs were taken, metres, measuring frame; or None.
     """
 
     slices: Union[str, int] = "auto"
@@ -67,6 +68,7 @@ class BodyRecipe:
     accuracy: Optional[float] = None
     center_caps: bool = False
     ground_factor: float = 1.0
+    cameras: Optional[FloatArray] = None
 
     def slab_count(self, height: float) -> int:
         """Return the number of slabs that was asked for, or the usual number.

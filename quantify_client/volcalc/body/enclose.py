@@ -15,7 +15,7 @@ from .sections import BodySurface, surface_of
 from .spaces import Spaces, border_faces, find_pockets, find_spaces, open_faces
 from .tetrahedra import Tetrahedra, connected, tetrahedralize
 
-__all__ = ["Enclosed", "Open", "enclose"]
+__all__ = ["Enclosed", "Open", "Unseen", "enclose", "enclosed_by"]
 
 #: Hollows shallower than this many spacings are roughness.
 _SHALLOW = 4.0
@@ -29,6 +29,25 @@ _APART = 3.0
 
 #: A sheet of points has less than this many spacings between its sides.
 _SHEET = 0.5
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """What the part of a surface that was not seen makes of the volume.
+
+    Attributes
+    ----------
+    share : of the surface's area.
+    low, high : the smallest and the largest volume that it was completed to, cubic metres.
+    shift : mean of these volumes less that of the body, cubic metres.
+    std : standard deviation of the mean, cubic metres.
+    """
+
+    share: float
+    low: float
+    high: float
+    shift: float
+    std: float
 
 
 @dataclass(frozen=True)
@@ -51,6 +70,7 @@ class Enclosed:
     leaks : openings wider than allowed, not closed.
     thin_walled : the walls are so thin that their two sides were taken as one.
     apart : (K,) int64, the points that lie outside of the body, farther than noise explains.
+    unseen : of a body that was completed; else None.
     """
 
     surface: BodySurface
@@ -66,6 +86,7 @@ class Enclosed:
     leaks: Sequence[Gap]
     thin_walled: bool
     apart: IntArray
+    unseen: Optional[Unseen] = None
 
     @property
     def skin(self) -> float:
@@ -102,6 +123,26 @@ def enclose(points: FloatArray, *, hollow: bool, max_gap: Optional[float]) -> Un
         spaces = _walls(space, spaces.leaks)
         if _is_sheet(space, spaces.number > 0, spacing):
             return Open(spaces.leaks)
+    return enclosed_by(space, spaces, hollow=hollow, thin_walled=thin_walled)
+
+
+def enclosed_by(
+    space: Tetrahedra,
+    spaces: Spaces,
+    *,
+    hollow: bool,
+    thin_walled: bool = False,
+    empty: Optional[npt.NDArray[np.bool_]] = None,
+    real: Optional[npt.NDArray[np.bool_]] = None,
+) -> Enclosed:
+    """Return the body that is made of spaces behind surfaces.
+
+    Parameters
+    ----------
+    empty : (M + 1,) True for tetrahedra that are known to be empty; others hold no water.
+    real : (N,) True for points that are on the surface; the skin is between these only.
+    """
+    spacing = float(np.median(space.spacing))
     depth = spaces.depth[spaces.number]
     within_surface, is_void = depth > 0, (depth > 0) & (depth % 2 == 0)
     skin = _skin_width(space, within_surface)
@@ -110,10 +151,14 @@ def enclose(points: FloatArray, *, hollow: bool, max_gap: Optional[float]) -> Un
         ceiling[is_void] = -np.inf
     else:
         deep = water_levels(space, ~within_surface, _SHALLOW * spacing, skin)
+        if empty is not None:
+            deep = _seen(space, deep, empty)
         ceiling = np.maximum(ceiling, deep)
     surface = surface_of(space, ceiling)
     within = surface.volume()
     solid, narrow = ceiling > -np.inf, space.widest() <= skin
+    if real is not None:
+        narrow[:-1] &= real[space.corners].all(axis=1)
     matter = solid & within_surface
     matter_volume = float(space.volume[matter].sum())
     inner = float(space.volume[matter & narrow].sum())
@@ -132,6 +177,14 @@ def enclose(points: FloatArray, *, hollow: bool, max_gap: Optional[float]) -> Un
         thin_walled=thin_walled,
         apart=_apart(space, solid[:-1]),
     )
+
+
+def _seen(space: Tetrahedra, level: FloatArray, empty: npt.NDArray[np.bool_]) -> FloatArray:
+    """Return the levels of water without those of hollows of which less than half is known."""
+    _, pool = np.unique(level, return_inverse=True)
+    pool = pool.ravel()
+    share = np.bincount(pool, space.volume * empty) / np.bincount(pool, space.volume + 1e-100)
+    return np.where(share[pool] > 0.5, level, -np.inf)
 
 
 def _apart(space: Tetrahedra, solid: npt.NDArray[np.bool_]) -> IntArray:

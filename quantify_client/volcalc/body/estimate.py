@@ -137,7 +137,7 @@ def hidden_volume(standing: Standing, body: Enclosed) -> Tuple[float, float]:
     The layer left out with the ground is taken as upright body (``standing.sure``). Of the layer
     above it that no camera saw, anything between none and all is body: half is added.
     """
-    if not len(standing.lid):
+    if not len(standing.lid) or body.unseen is not None:
         return 0.0, 0.0
     above = body.surface.lowest + 1.5 * body.spacing
     area = float(body.surface.areas(np.array([above]))[0])
@@ -148,6 +148,8 @@ def hidden_volume(standing: Standing, body: Enclosed) -> Tuple[float, float]:
 
 def closing_std(body: Enclosed) -> float:
     """Return the standard deviation from closing openings flat where the surface may bulge."""
+    if body.unseen is not None:
+        return body.unseen.std
     a, b, c = body.patches.transpose(1, 0, 2)
     area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
     width = np.max([np.linalg.norm(side, axis=1) for side in (b - a, c - b, a - c)], axis=0)

@@ -124,6 +124,10 @@ class Standing:
             **more,
         )
 
+    def upright(self, points: FloatArray) -> FloatArray:
+        """(N, 3) points of the cloud turned as the body was."""
+        return points if self.pose is None else self.pose.apply(points)
+
     def as_found(self, points: FloatArray) -> FloatArray:
         """(N, 3) upright points turned back to where they are in the cloud."""
         return points if self.pose is None else self.pose.undo(points)

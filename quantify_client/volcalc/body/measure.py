@@ -13,6 +13,7 @@ import numpy.typing as npt
 from ...errors import InputError
 from ...types import AreaResult, Body, BudgetItem, Check, FloatArray, Floor, Gap, Slice
 from ..body_slices import CONVERGENCE, TERRAIN_ONLY, BodyRecipe, slab_edges, slices_of
+from .complete import complete, is_partly_seen
 from .enclose import Enclosed, Open, enclose
 from .estimate import RESAMPLED, Estimate, closing_std, estimate, hidden_volume, is_same_body
 from .floor import Standing, on_lowest_points, stand
@@ -78,6 +79,8 @@ def measure_body(
         BudgetItem("slicing", 0.0),
         BudgetItem("coverage", math.hypot(hidden_std, closing_std(body))),
     )
+    shift = 0.0 if body.unseen is None else body.unseen.shift
+    found = replace(found, volume=found.volume + shift)
     volume, std = found.volume + hidden, math.hypot(*(item.std_m3 for item in budget))
     _require_room(standing, volume - 1.96 * std)
     zero = local.elevation_of_zero(standing)
@@ -154,6 +157,9 @@ def _enclosed(
     if share is not None:
         raise HeapFoundError(share)
     body = _enclose(standing.points, standing.lid, recipe)
+    if recipe.max_gap is None and not recipe.hollow and is_partly_seen(standing, body):
+        cameras = None if recipe.cameras is None else standing.upright(local.apply(recipe.cameras))
+        body = complete(standing, cameras) or body
     if isinstance(body, Open) and not body.leaks and standing.pose is None and floor == "auto":
         standing = on_lowest_points(standing)
         body = _enclose(standing.points, standing.lid, recipe)
@@ -174,7 +180,7 @@ def _estimate(
     Above the foot, where there is one: fewer points tell less of what is narrow there.
     """
     own = body if foot is None else _above(body, foot.top)
-    for every in RESAMPLED:
+    for every in RESAMPLED if body.unseen is None else ():
         some = standing.points[::every]
         again = _enclose(some, standing.lid, recipe) if len(some) >= _FEWEST_AGAIN else Open(())
         if isinstance(again, Enclosed) and is_same_body(body, again):
@@ -216,11 +222,15 @@ def _require_room(standing: Standing, least: float) -> None:
 def _checks(
     standing: Standing, body: Enclosed, hidden: float, foot: Optional[Foot]
 ) -> Tuple[Check, ...]:
-    """Return the volume by cells; none for thin walls and voids, whose skin lies inside."""
+    """Return the volume by cells.
+
+    None for thin walls and voids, whose skin lies inside, and for what was not seen, of which cells
+    tell nothing.
+    """
     if foot is not None:
         # The cells tell nothing of the foot beyond what the sections do.
         hidden -= body.within - _above(body, foot.top).within
-    if body.thin_walled or body.voids > 0.0:
+    if body.thin_walled or body.voids > 0.0 or body.unseen is not None:
         return ()
     patches = cover(body.patches, body.spacing)
     enclosed = occupancy_volume(np.vstack([standing.points, standing.lid]), patches)

@@ -29,7 +29,7 @@ from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 from ...types import FloatArray, Gap, IntArray
 from .tetrahedra import Tetrahedra, connected
 
-__all__ = ["Spaces", "border_faces", "find_pockets", "find_spaces", "open_faces"]
+__all__ = ["OPEN", "Spaces", "border_faces", "find_pockets", "find_spaces", "gaps_of", "open_faces"]
 
 #: A pocket is this many times wider than its widest passage ...
 _PERSISTENCE = 1.5
@@ -41,7 +41,7 @@ _PERSISTENCE_LARGE = 1.05
 _LARGE = 10.0
 
 #: A face wider than this many spacings of its points lies in an opening.
-_OPEN = 3.0
+OPEN = 3.0
 
 #: A space whose border has fewer faces than this is a gap between points.
 _FEWEST_FACES = 20
@@ -175,7 +175,7 @@ def find_spaces(space: Tetrahedra, pocket: IntArray, max_gap: Optional[float] = 
     if max_gap is not None:
         openings = _openings(space, number)
         leaking = openings[space.width[openings] > max_gap]
-        leaks = _gaps(space, leaking)
+        leaks = gaps_of(space, leaking)
         first, second = number[space.first[leaking]], number[space.second[leaking]]
         number = connected(first, second, int(number.max()) + 1)[number]
     # Numbers without holes, and 0 for outside.
@@ -183,7 +183,7 @@ def find_spaces(space: Tetrahedra, pocket: IntArray, max_gap: Optional[float] = 
     outside = number[-1]
     number = np.where(number == outside, 0, np.where(number == 0, outside, number))
     closing = _openings(space, number)
-    return Spaces(number, _depths(space, number), _gaps(space, closing), closing, leaks)
+    return Spaces(number, _depths(space, number), gaps_of(space, closing), closing, leaks)
 
 
 def border_faces(space: Tetrahedra, number: npt.NDArray[Any]) -> IntArray:
@@ -194,7 +194,7 @@ def border_faces(space: Tetrahedra, number: npt.NDArray[Any]) -> IntArray:
 def open_faces(space: Tetrahedra, faces: IntArray) -> npt.NDArray[np.bool_]:
     """(K,) True for faces that are wider than gaps between points on a surface."""
     spacing = space.spacing[space.faces[faces]].max(axis=1)
-    return np.asarray(space.width[faces] > _OPEN * spacing)
+    return np.asarray(space.width[faces] > OPEN * spacing)
 
 
 def _openings(space: Tetrahedra, number: IntArray) -> IntArray:
@@ -274,7 +274,7 @@ def _depths(space: Tetrahedra, number: IntArray) -> IntArray:
     return depth
 
 
-def _gaps(space: Tetrahedra, faces: IntArray) -> Tuple[Gap, ...]:
+def gaps_of(space: Tetrahedra, faces: IntArray) -> Tuple[Gap, ...]:
     """Return the openings that faces form, the widest first; a common point makes them one."""
     points, corner = np.unique(space.faces[faces], return_inverse=True)
     face, count = np.repeat(np.arange(len(faces)), 3), len(faces)

@@ -71,6 +71,10 @@ class Tetrahedra:
         normals = face_normals(self.points, self.faces[which])
         return np.asarray(0.5 * np.linalg.norm(normals, axis=1))
 
+    def middles(self) -> FloatArray:
+        """(M, 3) centroids of the tetrahedra, metres."""
+        return np.asarray(self.points[self.corners].mean(axis=1))
+
     def widest(self) -> FloatArray:
         """(M + 1,) width of the widest face of each tetrahedron, metres."""
         widest = np.zeros(len(self.volume))

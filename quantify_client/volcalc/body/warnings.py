@@ -6,7 +6,7 @@ from typing import Callable, Iterator, Sequence
 
 from ...types import Gap, Notice
 from ..body_slices import BodyRecipe
-from .enclose import Enclosed
+from .enclose import Enclosed, Unseen
 from .floor import Standing
 from .voxels import Thinned
 
@@ -94,7 +94,9 @@ def _openings(body: Enclosed, place: _Place, advice: str) -> Iterator[Notice]:
             f"not counted; give --max-gap {1.01 * leak.width:.3g} to close it",
             width_m=leak.width,
         )
-    if body.gaps:
+    if body.unseen is not None:
+        yield _completed(body.unseen, body.gaps, place)
+    elif body.gaps:
         widest, number = body.gaps[0], len(body.gaps)
         count = "1 opening in the surface was" if number == 1 else f"{number} openings were"
         yield Notice(
@@ -103,6 +105,20 @@ def _openings(body: Enclosed, place: _Place, advice: str) -> Iterator[Notice]:
             count=number,
             width_m=widest.width,
         )
+
+
+def _completed(unseen: Unseen, gaps: Sequence[Gap], place: _Place) -> Notice:
+    """Return that a part of the surface was not seen, and between what the volume may lie."""
+    where = f" (the widest opening at {place(gaps[0])})" if gaps else ""
+    return Notice(
+        "surface-completed",
+        f"{unseen.share:.0%} of the surface was not seen{where}: it was completed in two ways, to "
+        f"{unseen.low:.4g} and {unseen.high:.4g} m3, and the mean counts; photograph these sides, "
+        "too, for a smaller error",
+        share=unseen.share,
+        low_m3=unseen.low,
+        high_m3=unseen.high,
+    )
 
 
 def _floor(standing: Standing, hidden: float, volume: float, advice: str) -> Iterator[Notice]:

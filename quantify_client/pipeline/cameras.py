@@ -1,0 +1,88 @@
+"""Where the photographs of a body were taken: given in a file, or told by the ODM project."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import List, Optional
+
+import numpy as np
+
+from ..crs import Frame
+from ..errors import ControlError, InputError
+from ..options import Options
+from ..sfm.odm.json_files import features, numbers, read_object
+from ..sfm.odm.layout import SHOTS
+from ..source import Source, open_source
+from ..types import FloatArray
+
+__all__ = ["cameras_of"]
+
+_MOST = 5_000  # cameras: each costs a picture of the cloud
+_EXPECTED = "positions of cameras: ODM's odm_report/shots.geojson, or a text file of x, y, z"
+
+
+def cameras_of(source: Source, frame: Frame, options: Options) -> Optional[FloatArray]:
+    """Return where cameras stood (K, 3), metres of the measuring frame; None where nobody knows.
+
+    Raises
+    ------
+    InputError
+        The file that the user gave holds no positions, or they are far from the cloud.
+    """
+    if options.cameras is None:
+        path = None if source.project is None else source.project / SHOTS
+        if path is None or not path.is_file():
+            return None
+        try:
+            places = _of_shots(path)
+        except ControlError:  # an old version's, and nobody asked for it
+            return None
+    else:
+        places = _of_file(Path(str(options.cameras)))
+    moved = np.column_stack(frame.to_frame(*places.T.copy()))
+    if not len(moved) or len(moved) > _MOST:
+        raise InputError(f"{options.cameras}: {len(moved)} cameras; expected 1 to {_MOST}")
+    if options.cameras is not None:
+        _require_near(source, frame, moved, str(options.cameras))
+    return moved
+
+
+def _of_file(path: Path) -> FloatArray:
+    if path.suffix.lower() in (".geojson", ".json"):
+        try:
+            return _of_shots(path)
+        except ControlError as error:
+            raise InputError(str(error)) from error
+    with open_source([path]) as given:
+        chunks = [np.column_stack([c.x, c.y, c.z]) for c in given.cloud.chunks()]
+    return np.vstack([np.empty((0, 3)), *chunks])
+
+
+def _of_shots(path: Path) -> FloatArray:
+    """Return the places in a file as ODM writes it, in the cloud's own coordinates."""
+    found: List[List[float]] = []
+    for number, feature in enumerate(features(path, read_object(path, _EXPECTED), _EXPECTED)):
+        place = numbers(feature["properties"].get("translation"), 3)
+        if place is None:
+            raise ControlError(
+                f"{path}: feature {number + 1} has no translation of three numbers; expected "
+                f"{_EXPECTED}"
+            )
+        found.append(list(place))
+    return np.array(found)
+
+
+def _require_near(source: Source, frame: Frame, cameras: FloatArray, name: str) -> None:
+    """Refuse cameras that cannot have taken this cloud: other coordinates, or another cloud."""
+    if source.cloud.info.bounds is None:
+        return
+    box = frame.bounds_to_frame(source.cloud.info.bounds)
+    low, high = np.array([box.min_x, box.min_y]), np.array([box.max_x, box.max_y])
+    room = 100.0 * float(np.max(high - low))
+    away = np.median(cameras[:, :2], axis=0)
+    if (away < low - room).any() or (away > high + room).any():
+        raise InputError(
+            f"{name}: its cameras are around x {away[0]:.2f}, y {away[1]:.2f} m, far from the "
+            f"cloud (x {low[0]:.2f} to {high[0]:.2f}, y {low[1]:.2f} to {high[1]:.2f} m); give "
+            "positions in the cloud's own coordinates"
+        )

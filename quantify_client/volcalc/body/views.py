@@ -1,0 +1,226 @@
+"""Which space is seen to be empty, and which side of a surface is outside.
+
+A camera that sees a point sees that nothing stands before it. Which camera saw which point is not
+told by a cloud: it is inferred from where cameras stood and from what hides what (a depth image for
+each camera). Where their places are not known, others all round take their place: what stood in
+their way would have been seen from beside, and be in the cloud. A point's normal points to where
+most of those are that see it; a camera that sees a surface from behind looks through an opening and
+tells nothing.
+
+Free space from lines of sight: Curless and Levoy 1996; Labatut, Pons and Keriven 2009.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, List, Tuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import minimum_filter
+from scipy.spatial import cKDTree
+
+from ...types import FloatArray, IntArray
+
+__all__ = ["Views", "places_all_round"]
+
+#: Side of a depth image's pixels, in spacings: points of a surface leave no pixel between them out.
+_PIXEL = 1.5
+
+#: Space is empty that ends so many spacings before what is seen.
+_BEFORE = 2.0
+
+#: Neighbours that a normal is fitted to.
+_NEIGHBOURS = 16
+
+#: A surface is seen, or seen from behind, where the cosine of the angle to its normal is at least
+#: this: along it nothing is sure.
+_FRONT = 0.05
+_BEHIND = 0.2
+
+#: A camera looks into the body where it sees more than this share of what it sees from behind.
+_INSIDE = 0.3
+
+#: Heights of rings of places above the horizon, degrees, and how many stand on each. From the lower
+#: ones more is seen, past what no camera saw, and with it some that is not empty.
+_RINGS = ((15, 12), (40, 10), (70, 5))
+_LOW_RINGS = ((8, 12), (30, 8))
+
+#: Their distance, in diagonals of the box round all points.
+_DISTANCE = 1.7
+
+
+def places_all_round(points: FloatArray, below: bool) -> Tuple[FloatArray, npt.NDArray[np.bool_]]:
+    """Return places that stand for cameras.
+
+    Parameters
+    ----------
+    points : (N, 3) float64, metres, upright.
+    below : some places look up.
+
+    Returns
+    -------
+    (K, 3) places; (K,) True for those that are less sure to be where a camera may stand.
+    """
+    rings = [(up, count, False) for up, count in _RINGS]
+    rings += [(up, count, True) for up, count in _LOW_RINGS]
+    if below:
+        rings += [(-up, count, False) for up, count in _RINGS]
+    ways, unsure = [], []
+    for number, (up, count, low) in enumerate(rings):
+        around = 2.0 * np.pi * (np.arange(count) + 0.5 * (number % 2)) / count
+        flat, rise = np.cos(np.radians(up)), np.sin(np.radians(up))
+        ways.append(np.column_stack([flat * np.cos(around), flat * np.sin(around), 0 * around]))
+        ways[-1][:, 2] = rise
+        unsure.append(np.full(count, low))
+    low_corner, high_corner = points.min(axis=0), points.max(axis=0)
+    away = _DISTANCE * float(np.linalg.norm(high_corner - low_corner))
+    places = 0.5 * (low_corner + high_corner) + away * np.vstack(ways)
+    return places, np.concatenate(unsure)
+
+
+@dataclass
+class _View:
+    """The depth image of one camera.
+
+    ``axes`` has the image's axes and the line of sight as columns; ``corner`` is the number of its
+    first pixel. Up to ``empty`` metres away there is nothing in a pixel (-inf: nobody knows);
+    ``beyond`` is True where it shows nothing at all.
+    """
+
+    place: FloatArray
+    axes: FloatArray
+    pixel: float
+    corner: IntArray
+    pixels: IntArray
+    depth: FloatArray
+    nearest: FloatArray
+    empty: FloatArray
+    beyond: npt.NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, place: FloatArray, points: FloatArray, spacing: float) -> _View:
+        """Return what is seen of some points."""
+        sight = 0.5 * (points.min(axis=0) + points.max(axis=0)) - place
+        away = float(np.linalg.norm(sight))
+        sight = sight / away
+        side = np.cross(sight, [0.0, 0.0, 1.0])
+        if np.linalg.norm(side) < 1e-6:
+            side = np.array([1.0, 0.0, 0.0])
+        side /= np.linalg.norm(side)
+        axes = np.column_stack([side, np.cross(sight, side), sight])
+        none = np.empty((0, 0))
+        view = cls(
+            place, axes, _PIXEL * spacing / away, np.zeros(2, dtype=np.int64),
+            np.empty(0, dtype=np.int64), np.empty(0), none, none, none.astype(bool),
+        )  # fmt: skip
+        pixels, view.depth = view.project(points)
+        view.corner = pixels.min(axis=0) - 2
+        view.pixels = pixels - view.corner
+        view.nearest = view.image(np.ones(len(points), dtype=bool))
+        return view
+
+    def project(self, points: FloatArray) -> Tuple[IntArray, FloatArray]:
+        """Return pixels (N, 2), counted from the line of sight, and distances (N,)."""
+        seen = (points - self.place) @ self.axes
+        front = np.maximum(seen[:, 2:], 1e-12)
+        pixels = np.clip(seen[:, :2] / front / self.pixel, -1e6, 1e6)
+        depth = np.sqrt(np.einsum("ni,ni->n", seen, seen))
+        return np.floor(pixels).astype(np.int64), depth
+
+    def image(self, some: npt.NDArray[np.bool_]) -> FloatArray:
+        """Return the nearest of some of the points in each pixel, inf where there is none."""
+        image = np.full(tuple(self.pixels.max(axis=0) + 3), np.inf)
+        np.minimum.at(image, tuple(self.pixels[some].T), self.depth[some])
+        return image
+
+    def sees(self, cosine: FloatArray) -> npt.NDArray[np.bool_]:
+        """(N,) True for points that nothing hides: a slant surface is deeper at one side."""
+        slope = np.sqrt(np.maximum(1.0 - cosine**2, 0.0)) / np.maximum(np.abs(cosine), 0.05)
+        reach = self.pixel * self.depth * np.minimum(0.5 + 2.0 * slope, 4.0)
+        nearest = minimum_filter(self.nearest, 3)[tuple(self.pixels.T)]
+        return np.asarray(self.depth <= nearest + reach)
+
+    def judge(self, seen: npt.NDArray[np.bool_], cosine: FloatArray, margin: float) -> None:
+        """Find up to where each pixel is empty."""
+        front = minimum_filter(self.image(seen & (cosine > _FRONT)), 3)
+        behind = minimum_filter(self.image(seen & (cosine < -_BEHIND)), 3)
+        nearest = minimum_filter(self.nearest, 3)
+        told = np.isfinite(front) & (behind >= front)
+        self.empty = np.where(told, nearest - margin, -np.inf)
+        self.beyond = ~np.isfinite(nearest)
+
+    def shows_empty(self, points: FloatArray) -> Tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+        """Return which points lie before what is seen, and which where nothing is."""
+        pixels, depth = self.project(points)
+        pixels = pixels - self.corner
+        within = ((pixels >= 0) & (pixels < self.beyond.shape)).all(axis=1)
+        before, beyond = np.zeros(len(points), dtype=bool), ~within
+        place = tuple(pixels[within].T)
+        before[within] = depth[within] < self.empty[place]
+        beyond[within] = self.beyond[place]
+        return before, beyond
+
+
+@dataclass
+class Views:
+    """What cameras see of points.
+
+    Attributes
+    ----------
+    normals : (N, 3) float64, unit vectors to the outside.
+    seen : (N,) int64, how many cameras see each.
+    fair : (K,) False for cameras that look into the body through an opening, and are left out.
+    """
+
+    normals: FloatArray
+    seen: IntArray
+    views: List[_View]
+    fair: npt.NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, points: FloatArray, spacing: float, places: FloatArray) -> Views:
+        """Return what cameras at some places see of points (N, 3), metres."""
+        normals = _normals(points)
+        views = [_View.of(place, points, spacing) for place in places]
+        cosines, sees = [], []
+        for view in views:
+            cosines.append(((view.place - points) * normals).sum(axis=1) / view.depth)
+            sees.append(view.sees(cosines[-1]))
+        seen_by, cosine_to = np.array(sees), np.array(cosines)
+        fair = np.ones(len(views), dtype=bool)
+        while True:
+            sign = np.where((seen_by[fair] * cosine_to[fair]).sum(axis=0) < 0, -1.0, 1.0)
+            behind = (seen_by & (sign * cosine_to < 0)).sum(axis=1) / seen_by.sum(axis=1)
+            into = fair & (behind > _INSIDE)
+            if not into.any() or into[fair].all():
+                break
+            fair &= ~into
+        for view, seen, cosine, looks_in in zip(views, sees, cosines, ~fair):
+            if not looks_in:
+                view.judge(seen, sign * cosine, _BEFORE * spacing)
+        views = [view for view, kept in zip(views, fair) if kept]
+        return cls(normals * sign[:, None], seen_by[fair].sum(axis=0), views, fair)
+
+    def empty(self, points: FloatArray, some: npt.NDArray[np.bool_]) -> Tuple[IntArray, IntArray]:
+        """Return how many cameras see through points (N, 3) to something, and to nothing.
+
+        Parameters
+        ----------
+        some : (K,) True for the cameras that are asked.
+        """
+        before = np.zeros(len(points), dtype=np.int64)
+        beyond = before.copy()
+        for view, asked in zip(self.views, some[self.fair]):
+            if asked:
+                one, other = view.shows_empty(points)
+                before += one
+                beyond += other
+        return before, beyond
+
+
+def _normals(points: FloatArray) -> FloatArray:
+    """(N, 3) unit vectors along which a point's neighbours vary least, either way."""
+    near = cKDTree(points).query(points, min(_NEIGHBOURS, len(points)))[1]
+    away = points[near] - points[near].mean(axis=1, keepdims=True)
+    return np.asarray(np.linalg.eigh(np.einsum("nki,nkj->nij", away, away))[1][:, :, 0])

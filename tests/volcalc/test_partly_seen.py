@@ -1,0 +1,153 @@
+"""Bodies of which a part was not seen: each step against what is known, and the volumes."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from scans import OFFSET, Flaws, scan, volume_of
+from solids import cube, cup, random_body, sphere, torus, unit_vectors
+
+from quantify_client.errors import InputError
+from quantify_client.volcalc.body.cut import face_costs, minimum_cut
+from quantify_client.volcalc.body.going_on import going_on
+from quantify_client.volcalc.body.tetrahedra import Tetrahedra, tetrahedralize
+from quantify_client.volcalc.body.views import Views, places_all_round
+
+NOBODY = np.empty((0, 3))
+
+
+def cost_of(space: Tetrahedra, matter, costs, as_matter, as_outside) -> float:
+    """Return what a labelling costs, by its definition."""
+    ends = matter[space.first] != matter[space.second]
+    own = np.where(matter[:-1], as_matter, as_outside)
+    return float(costs[ends].sum() + own.sum())
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_labelling_costs_less_than_the_minimum_cut(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    space = tetrahedralize(rng.random((8, 3)))
+    costs = face_costs(space, np.zeros(8, dtype=bool))
+    as_matter, as_outside = rng.exponential(0.2, (2, space.around))
+    found = minimum_cut(space, costs, as_matter, as_outside, 0.01)
+    assert not found[-1]  # around the hull is outside
+    every = itertools.product([False, True], repeat=space.around)
+    least = min(
+        cost_of(space, np.array([*one, False]), costs, as_matter, as_outside) for one in every
+    )
+    assert cost_of(space, found, costs, as_matter, as_outside) == pytest.approx(least, abs=1e-5)
+
+
+def ball(count: int, lowest: float = -1.0, seed: int = 0) -> np.ndarray:
+    """Points of a ball with a radius of 1 above a height."""
+    points = unit_vectors(count, np.random.default_rng(seed))
+    return points[points[:, 2] > lowest]
+
+
+def test_a_camera_sees_the_near_side_of_a_ball_and_the_space_before_it() -> None:
+    points = ball(4000)
+    views = Views.of(points, 0.06, np.array([[0.0, -8.0, 0.0]]))
+    seen = views.seen > 0
+    # A sphere is seen up to the circle of tangents, y = -1/8.
+    assert seen[points[:, 1] < -0.3].mean() > 0.97
+    assert not seen[points[:, 1] > 0.1].any()
+    towards = (views.normals * points).sum(axis=1)
+    assert (towards[points[:, 1] < -0.5] > 0.9).mean() > 0.99
+    asked = np.array([[0, -1.5, 0], [0, 0, 0], [0, 2, 0], [0, 0, 3], [0.5, -1.4, 0.3]], dtype=float)
+    before, beyond = views.empty(asked, np.array([True]))
+    assert before.tolist() == [1, 0, 0, 0, 1]
+    assert beyond.tolist() == [0, 0, 0, 1, 0]
+
+
+def test_a_camera_that_looks_in_through_the_opening_is_left_out() -> None:
+    points = ball(4000, lowest=-0.2)
+    places, _ = places_all_round(points, below=True)
+    views = Views.of(points, 0.06, places)
+    assert not views.fair[places[:, 2] < -2.0].any()
+    assert ((views.normals * points).sum(axis=1) > 0.0).mean() > 0.99
+
+
+def test_a_sphere_and_a_plane_go_on_as_they_are() -> None:
+    points = ball(6000, lowest=-0.6)
+    beyond = going_on(points, points, 0.05, NOBODY, lambda some: some[:, 2] < -2.0, 1.0)
+    below = beyond[beyond[:, 2] < -0.6]
+    assert len(below) > 100
+    away = np.abs(np.linalg.norm(below, axis=1) - 1.0)  # of a flat lid, up to 0.4
+    assert np.quantile(away, 0.75) < 0.06
+    flat = np.random.default_rng(1).random((3000, 3)) * [1.0, 1.0, 0.0]
+    up = np.tile([0.0, 0.0, 1.0], (3000, 1))
+    edge = going_on(flat, up, 0.02, NOBODY, lambda some: np.abs(some[:, 0] - 0.5) > 0.7, 1.0)
+    assert len(edge) > 100
+    assert np.abs(edge[:, 2]).max() < 1e-6
+    assert not (np.abs(edge[:, 0] - 0.5) > 0.7).any()
+
+
+def test_it_ends_at_the_floor() -> None:
+    points = ball(6000, lowest=-0.4) + np.array([0.0, 0.0, 1.0])
+    floor = np.column_stack(
+        [np.random.default_rng(2).uniform(-1, 1, (2000, 2)), np.full(2000, 0.3)]
+    )
+    beyond = going_on(points, points - [0, 0, 1.0], 0.05, floor, lambda some: some[:, 2] > 9.0, 1.0)
+    assert len(beyond) > 50
+    assert beyond[:, 2].min() > 0.3
+
+
+@pytest.mark.parametrize("body", [sphere, torus, cube, cup], ids=lambda body: body.__name__)
+def test_a_hole_of_a_fifth_is_inside_the_interval(body) -> None:
+    made = body()
+    result = volume_of(scan(made, 15_000, 3, Flaws(hole=0.2)))
+    assert abs(result.volume_m3 - made.volume) < max(2.6 * result.std_m3, 0.004 * made.volume)
+    assert result.std_m3 < 0.06 * made.volume
+
+
+def test_a_ball_without_its_lowest_part_and_no_ground_is_bridged_as_it_curves() -> None:
+    made = sphere()
+    result = volume_of(scan(made, 15_000, 5, Flaws(missing=0.15)))
+    assert result.volume_m3 == pytest.approx(made.volume, rel=0.03)  # closed flat: -6.1 %
+    assert abs(result.volume_m3 - made.volume) < 1.96 * result.std_m3
+    notice = next(one for one in result.warnings if one.code == "surface-completed")
+    assert notice.values["low_m3"] <= result.volume_m3 <= notice.values["high_m3"] * 1.02
+    assert result.checks == ()
+
+
+def seen_from_above(seed: int) -> np.ndarray:
+    """Points of a random body that a slope of 70 degrees downwards does not hide: no underside."""
+    points = random_body(seed).surface(20_000, np.random.default_rng(seed))
+    cell = np.floor(points[:, :2] / 0.03).astype(np.int64)
+    _, which = np.unique(cell, axis=0, return_inverse=True)
+    top = np.full(which.max() + 1, -np.inf)
+    np.maximum.at(top, which.ravel(), points[:, 2])
+    return points[points[:, 2] > top[which.ravel()] - 0.12]
+
+
+def test_points_left_outside_lead_to_another_completion() -> None:
+    """Seen from above only, with nothing below: no refusal, no share of its points outside."""
+    result = volume_of(seen_from_above(9006) + OFFSET)
+    codes = {one.code for one in result.warnings}
+    assert "surface-completed" in codes
+    assert "points-outside-body" not in codes
+
+
+def test_hollow_and_max_gap_close_openings_as_they_say() -> None:
+    points = scan(sphere(), 8_000, 3, Flaws(hole=0.3))
+    codes = {one.code for one in volume_of(points, hollow=True).warnings}
+    assert "surface-completed" not in codes
+    with pytest.raises(InputError, match="--max-gap"):
+        volume_of(points, max_gap=0.05)
+
+
+def test_positions_of_cameras_count() -> None:
+    """Cameras that look up from below see that nothing is there: the ball ends flat."""
+    points = scan(sphere(), 15_000, 5, Flaws(missing=0.3))
+    around = 2 * np.pi * np.arange(12) / 12
+    ring = np.column_stack([4 * np.cos(around), 4 * np.sin(around)])
+    above, level = (
+        volume_of(points, cameras=np.column_stack([ring, np.full(12, z)]) + OFFSET)
+        for z in (3.0, -0.2)
+    )
+    flat = sphere().volume * (1 - 0.3**2 * (3 - 2 * 0.3))  # without the cap, in closed form
+    assert level.volume_m3 == pytest.approx(flat, rel=0.07)
+    assert above.volume_m3 > 1.1 * level.volume_m3
+    assert abs(above.volume_m3 - sphere().volume) < 1.96 * above.std_m3
