@@ -30,7 +30,8 @@ class Body:
     """A body, its volumes, and how to draw random points on its surface.
 
     `surface` draws (count, 3) points, evenly, in random order; `area` is that of the whole surface;
-    `hollow` is the volume where voids that hold water, or are enclosed, are none of it.
+    `hollow` is the volume where voids that hold water, or are enclosed, are none of it; `parts` are
+    those of a union.
     """
 
     name: str
@@ -39,11 +40,14 @@ class Body:
     surface: Surface
     hollow: Optional[float] = None
     volume_std: float = 0.0
+    parts: Sequence[Part] = ()
 
     def turned(self, name: str, rotation: Rotation) -> Body:
         """Return the same body, rotated."""
         turn = rotation.as_matrix().T
-        return replace(self, name=name, surface=lambda n, rng: self.surface(n, rng) @ turn)
+        return replace(
+            self, name=name, surface=lambda n, rng: self.surface(n, rng) @ turn, parts=()
+        )
 
 
 def draw_until(count: int, draw: Callable[[int], np.ndarray]) -> np.ndarray:
@@ -172,7 +176,8 @@ def union(name: str, parts: Sequence[Part], volume: float, volume_std: float = 0
 
     tries = 200_000
     kept = len(draw(tries, np.random.default_rng(0))) / tries
-    return Body(name, volume, kept * sum(areas), surface, volume_std=volume_std)
+    area = kept * sum(areas)
+    return Body(name, volume, area, surface, volume_std=volume_std, parts=tuple(parts))
 
 
 # --- the bodies

@@ -7,7 +7,11 @@ import math
 import numpy as np
 import pytest
 from scans import volume_of
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull, cKDTree
+from scipy.spatial.transform import Rotation
+
+from quantify_client.volcalc.body.facets import facets_of
+from quantify_client.volcalc.body.sections import BodySurface
 
 # Arithmetic of arrays: no different on a second Python.
 pytestmark = pytest.mark.one_python
@@ -93,10 +97,75 @@ def test_a_ball_of_golden_spirals(count):
 
 
 @pytest.mark.parametrize("steps", [20, 50])
-def test_a_grid_on_a_cube(steps):
-    side = np.arange(steps + 1) / steps - 0.5
+@pytest.mark.parametrize("ends", [0.0, 0.5])
+def test_a_grid_on_a_cube(steps, ends):
+    """Grids in the middles of steps cut every edge off, grids with points on the edges none."""
+    side = (np.arange(steps + (ends == 0.0)) + ends) / steps - 0.5
     places = np.column_stack([axis.ravel() for axis in np.meshgrid(side, side)])
     faces = [np.insert(places, axis, at, axis=1) for axis in range(3) for at in (-0.5, 0.5)]
-    # A grid whose points lie on the edges cuts nothing off, which a third of it cannot tell.
     rng = np.random.default_rng(2)
-    holds(np.unique(np.vstack(faces), axis=0), CUBE, rng, 2.5 / steps**2, sigmas=4.0)
+    holds(np.unique(np.vstack(faces), axis=0), CUBE, rng, 0.5 / steps**2)
+
+
+@pytest.mark.parametrize("form", ["ball", "torus"])
+def test_scan_lines(form):
+    """A third of the points, thinned along the lines, tells nothing of the gaps between them."""
+    rng = np.random.default_rng(3)
+    make, truth = FORMS[form]
+    points = make(300_000, rng)
+    height = points @ np.array([0.6, 0.0, 0.8]) / 0.08
+    holds(apart(points[np.abs(height - np.round(height)) < 0.05], 0.016), truth, rng, 0.007)
+
+
+def test_means_of_many_points():
+    """Means of voxels lie below a curved surface."""
+    rng = np.random.default_rng(4)
+    holds(in_voxels(ball(300_000, rng), 0.08), BALL, rng, 0.0006)
+
+
+def surface_of(points):
+    """Triangles of a convex body, as `enclose` returns them."""
+    hull = ConvexHull(points)
+    a, b, c = (points[hull.simplices[:, i]] for i in range(3))
+    outward = (np.cross(b - a, c - a) * hull.equations[:, :3]).sum(axis=1) > 0.0
+    return BodySurface.of(points, hull.simplices.astype(np.int64), outward)
+
+
+def test_facets_of_a_ball_are_what_it_lacks():
+    surface = surface_of(ball(3_000, np.random.default_rng(5)))
+    found = facets_of(surface, np.empty((0, 3, 3)))
+    lack = BALL - surface.volume()
+    assert found.local == pytest.approx(lack, rel=0.02)
+    assert found.whole == pytest.approx(lack, rel=0.02)
+    assert found.curvature == pytest.approx(4.0 * math.pi, rel=0.01)
+    assert found.along == 0.0
+
+
+def test_facets_that_close_openings_cut_nothing_off():
+    surface = surface_of(ball(3_000, np.random.default_rng(6)))
+    above = surface.corners[:, 0, 2] >= 0.0
+    lids = surface.corners[~above][:, [2, 0, 1]]
+    found = facets_of(surface, lids)
+    assert found == facets_of(surface, np.empty((0, 3, 3)), above=0.0)
+    assert found.area == pytest.approx(2.0 * math.pi, rel=0.1)
+
+
+def test_nothing_is_cut_off_along_an_edge_with_points_on_it():
+    steps = 16
+    side = np.linspace(-0.5, 0.5, steps + 1)
+    places = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
+    first = (np.arange(steps)[:, None] * (steps + 1) + np.arange(steps)).ravel()[:, None]
+    halves = np.vstack(
+        [first + np.array(corners) for corners in ((0, steps + 1, steps + 2), (0, steps + 2, 1))]
+    )
+    faces = [places[halves], places[halves[:, ::-1]]]
+    # Seen along an axis the other two turn left in cyclic order.
+    triangles = [np.insert(faces[axis % 2 == out], axis, out - 0.5, axis=2)
+                 for axis in range(3) for out in (0, 1)]  # fmt: skip
+    points, number = np.unique(np.vstack(triangles).reshape(-1, 3), axis=0, return_inverse=True)
+    askew = Rotation.from_rotvec([0.9, -0.5, 0.7]).as_matrix()
+    surface = BodySurface.of(points @ askew, number.reshape(-1, 3))
+    assert surface.volume() == pytest.approx(1.0)
+    found = facets_of(surface, np.empty((0, 3, 3)))
+    assert found.curvature == pytest.approx(3.0 * math.pi)
+    assert found.along_share == pytest.approx(1.0 - 2.0 / steps, abs=0.08)

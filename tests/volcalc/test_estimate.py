@@ -35,28 +35,11 @@ BODY = Enclosed(
 )
 
 
-@pytest.mark.parametrize(("every", "less"), [(3, 97.0), (2, 98.0)])
-def test_what_is_lost_in_proportion_to_one_over_the_points_is_given_back(
-    every: int, less: float
-) -> None:
-    # 100 - 1 / share: 99 with all points, 98 with half of them, 97 with a third.
-    # A body with edges: the middle of its skin lacks the same.
-    found = estimate(replace(BODY, inner=2.0), replace(BODY, within=less), every)
-    assert found.volume == pytest.approx(100.0)
-    assert 0.0 < found.sampling_std < 1.0
-
-
 def test_a_skin_that_is_thicker_outside_gives_volume_back() -> None:
     noisy = replace(BODY, outer=6.0, inner=4.0)
     found = estimate(noisy, noisy, 3)
     assert found.volume == pytest.approx(99.0 + 1.0, abs=0.1)
     assert found.outline_std > 0.1
-
-
-def test_a_skin_that_is_thicker_inside_tells_of_facets_where_no_resampling_does() -> None:
-    found = estimate(replace(BODY, inner=2.0), None, 1)
-    assert found.volume == pytest.approx(100.0)
-    assert found.sampling_std == pytest.approx(1.0)
 
 
 def test_thin_walls_are_not_corrected_and_widely_uncertain() -> None:

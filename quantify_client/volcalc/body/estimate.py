@@ -2,20 +2,19 @@
 
 Two things are known to be missing from what the surface encloses.
 
-*Facets*: flat triangles between points cut off what bulges and every edge. A triangle with sides
-a, b, c lies below a surface of curvature k by k (a^2 + b^2 + c^2) / 24 on average (its corners are
-on the surface, the mean square distance from the centre of its circumcircle is that much less than
-at a corner). So what a surface lacks is in proportion to the mean of a^2 + b^2 + c^2 over it, and
-the surface through a third of the points, whose triangles are larger by a ratio that is measured,
-shows how much that through all lacks. Of points at random the ratio is three; evenly spaced points
-(of a grid, or thinned by voxels or to a least distance) have smaller triangles than a third of
-them, which is no longer even, would let expect.
+*Facets*: flat triangles between points cut off what bulges and every edge (facets.py tells how
+much). Points that are means of those in a voxel also lie below a curved surface, by k / 2 times
+the mean square distance of the voxel's points from their mean: half of what the triangles cut off
+(squares of side s: k s^2 / 12 against 4 k s^2 / 24). They are told from points that keep a least
+distance by how far the nearest and the second nearest are.
 
 *Noise* moves the surface inwards by its variance times the mean curvature, since the densest part
 of a skin of noise lies inside of its middle, and moves the middle of the skin's outer and inner
 side outwards by as much (Steiner's formula). That middle, too, lacks some of the facets: how much
-is told by that of the third in the same way, as far as both are as uneven. That of evenly spaced
-points lacks none.
+is told by that of a third of the points, in proportion to the mean square of their triangles'
+sides, as far as both are as uneven. That of evenly spaced points lacks none. Noise makes a skin:
+the correction is no more than the square of its thickness and the mean curvature allow. At random
+it moves the volume the less the more points there are.
 
 Two more parts were not seen at all: what lies below the lowest section (`hidden_volume`) and what
 bulged behind a closed opening (`closing_std`).
@@ -28,9 +27,11 @@ from dataclasses import dataclass
 from typing import Optional, Tuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ...types import FloatArray
 from .enclose import Enclosed
+from .facets import facets_of
 from .floor import Standing
 
 __all__ = ["RESAMPLED", "Estimate", "closing_std", "estimate", "hidden_volume", "is_same_body"]
@@ -42,8 +43,12 @@ RESAMPLED = (3, 2)
 _SAME = 0.05
 
 #: What noise does to the surface by what it does to the middle of the skin. Calibrated on bodies of
-#: known volume, as are the shares below: benchmarks/random_bodies.py has others (docs/method.md).
-_NOISE = 1.05
+#: known volume, as are the shares below: benchmarks/samplings.py has others (docs/method.md).
+_NOISE = 0.9
+
+#: It is no more than this times the square of the skin's thickness, times the integral of mean
+#: curvature: 2 by Steiner's formula, up to 3.5 where the skin is thicker than the spacing.
+_MOST_NOISE = 8.0
 
 #: Share of the facets that this middle lacks where no fewer points tell.
 _FACETS_OF_MIDDLE = 0.75
@@ -52,11 +57,28 @@ _FACETS_OF_MIDDLE = 0.75
 #: random: of points thinned by voxels or to a least distance, and less only with noise.
 _EVEN = 1.55
 
-#: Standard deviations, as shares of the two corrections and of half the skin. Of evenly spaced
-#: points, whose facets may cut off edges or lie along them, the first is twice as large.
-_OF_FACETS = 0.25
-_OF_NOISE = 0.25
-_OF_SKIN = 0.02
+#: Nearest by second nearest distance, on average: of means of voxels, of points thinned to a least
+#: distance (2/3 at random, 1 on a grid).
+_OF_VOXELS = 0.835
+_OF_LEAST_DISTANCE = 0.92
+
+#: What means of voxels lie too deep by, as a share of the facets.
+_TOO_DEEP = 0.5
+
+#: Standard deviations, as shares of the facets: always; times the mean spacing by the radius of
+#: curvature; of the difference between the two ways to find them, of what was taken for edges with
+#: points along them, of what voxels' means lie too deep by.
+_OF_FACETS = 0.04
+_OF_CURVATURE = 0.4
+_OF_DIFFERENCE = 0.4
+_OF_EDGES = 0.3
+_OF_DEPTH = 0.3
+
+#: As shares of the correction for noise, of half the skin over the root of the number of points,
+#: and of half the skin where it holds noise of which voxels' means were taken, or thin walls.
+_OF_NOISE = 0.2
+_OF_SKIN = 1.6
+_OF_MEANS = 0.15
 _OF_THIN_WALLS = 0.1
 
 #: How high an opening's surface may have bulged beyond its lid, as a share of its width: chosen,
@@ -92,24 +114,55 @@ def estimate(
     bulge = 0.5 * (body.outer - body.inner)
     if body.thin_walled:
         return Estimate(body.within, 0.0, 2.0 * _OF_THIN_WALLS * body.skin)
+    found = facets_of(body.surface, body.patches, above)
+    kept = 0.5 * (found.local + found.whole) * (1.0 - found.along_share)
+    coarse, even = _coarseness(body, above), 0.0
     if again is None:
-        facets = max(0.0, -bulge)
-        noise = _NOISE * max(0.0, bulge + _FACETS_OF_MIDDLE * facets)
-        return _estimate(body, facets, noise, abs(bulge))
-    ratio = max(float(every), _coarseness(again, above) / _coarseness(body, above))
-    even = min(1.0, (ratio / every - 1.0) / (_EVEN - 1.0))
-    lack = (body.within - again.within) / (ratio - 1.0)
-    of_middle = (bulge - 0.5 * (again.outer - again.inner)) / (ratio - 1.0)
-    noise = _NOISE * max(0.0, bulge + (1.0 - even) * of_middle)
-    return _estimate(body, max(0.0, lack), noise, _OF_FACETS * (1.0 + even) * abs(lack))
-
-
-def _estimate(body: Enclosed, facets: float, noise: float, std: float) -> Estimate:
+        of_middle = _FACETS_OF_MIDDLE * max(0.0, kept)
+    else:
+        ratio = max(float(every), _coarseness(again, above) / coarse)
+        even = min(1.0, (ratio / every - 1.0) / (_EVEN - 1.0))
+        less = bulge - 0.5 * (again.outer - again.inner)
+        of_middle = (1.0 - even) * less / (ratio - 1.0)
+    points = _points(body)
+    means = even * _of_voxels(points)
+    depth = _TOO_DEEP * means * kept
+    noise = _NOISE * max(0.0, bulge + of_middle)
+    if found.area > 0.0:
+        thickness = body.skin / found.area
+        noise = min(noise, _MOST_NOISE * thickness**2 * max(0.0, found.curvature))
+    curved = abs(found.curvature) * math.sqrt(coarse) / max(found.area, np.finfo(float).tiny)
     return Estimate(
-        volume=body.within + facets + noise,
-        sampling_std=std,
-        outline_std=math.hypot(_OF_NOISE * noise, _OF_SKIN * body.skin),
+        volume=body.within + kept + depth + noise,
+        sampling_std=math.hypot(
+            _OF_FACETS * kept,
+            _OF_CURVATURE * curved * kept,
+            _OF_DIFFERENCE * (found.local - found.whole),
+            _OF_EDGES * found.along_share * found.whole,
+            _OF_DEPTH * depth,
+        ),
+        outline_std=math.hypot(
+            _OF_NOISE * noise,
+            _OF_SKIN * body.skin / math.sqrt(max(1, len(points))),
+            _OF_MEANS * means * body.skin,
+        ),
     )
+
+
+def _points(body: Enclosed) -> FloatArray:
+    """(P, 3) the points that are corners of the surface, metres."""
+    _, first = np.unique(body.surface.number, return_index=True)
+    return np.asarray(body.surface.corners.reshape(-1, 3)[first])
+
+
+def _of_voxels(points: FloatArray) -> float:
+    """Return whether evenly spaced points are means of voxels, 1, or keep a least distance, 0."""
+    if len(points) < 3:
+        return 0.0
+    nearest, second = cKDTree(points).query(points, [2, 3])[0].T
+    ratio = float(np.mean(nearest / np.maximum(second, np.finfo(float).tiny)))
+    share = (_OF_LEAST_DISTANCE - ratio) / (_OF_LEAST_DISTANCE - _OF_VOXELS)
+    return min(1.0, max(0.0, share))
 
 
 def _coarseness(body: Enclosed, above: float) -> float:

@@ -1,0 +1,273 @@
+"""Clean surfaces of random bodies, sampled in every way, and how often the intervals hold.
+
+Bodies as in random_bodies.py, their points at random, thinned by voxels or to a least distance,
+on grids, as vertices of meshes, or in scan lines. No constant was chosen on these seeds. Standard
+errors are those of a bootstrap over bodies.
+
+    python benchmarks/samplings.py [--bodies 40] [--points 5000 20000] [--kinds random voxels ...]
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from functools import cache
+from pathlib import Path
+from typing import Callable, Dict, List, Tuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from quantify_client.errors import QuantifyError
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+from scans import OFFSET, volume_of
+from solids import Body, Part, random_body
+
+FIRST_SEED = 8000
+MOST_DRAWN = 3_000_000
+"""Random points that others are chosen from: 30 times as many, or this many, or twice."""
+
+
+def many(body: Body, count: int, rng: np.random.Generator) -> np.ndarray:
+    return body.surface(max(2 * count, min(30 * count, MOST_DRAWN)), rng)
+
+
+def at_random(body: Body, count: int, rng: np.random.Generator) -> np.ndarray:
+    return body.surface(count, rng)
+
+
+def in_voxels(body: Body, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Centroids of the points of each voxel."""
+    points, side = many(body, count, rng), math.sqrt(1.5 * body.area / count)
+    while True:
+        place = np.floor((points - rng.random(3) * side) / side).astype(np.int64) + (1 << 19)
+        number, held = (place << np.array([40, 20, 0])).sum(axis=1), 0
+        _, voxel, held = np.unique(number, return_inverse=True, return_counts=True)
+        if len(held) <= 1.05 * count:
+            return np.column_stack([np.bincount(voxel, axis) / held for axis in points.T])
+        side *= math.sqrt(len(held) / count)
+
+
+def apart(points: np.ndarray, least: float) -> np.ndarray:
+    """Return points of which no two are nearer than a distance, the first ones of each place."""
+    tree, kept = cKDTree(points), np.ones(len(points), dtype=bool)
+    for number in range(len(points)):
+        if kept[number]:
+            near = np.array(tree.query_ball_point(points[number], least))
+            kept[near[near > number]] = False
+    return points[kept]
+
+
+def at_distance(body: Body, count: int, rng: np.random.Generator) -> np.ndarray:
+    # Discs at random that leave no room for another one cover 0.547 of a plane.
+    return apart(many(body, count, rng), math.sqrt(0.547 * 4 / math.pi * body.area / count))
+
+
+def in_lines(body: Body, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Where parallel planes cut the surface, at a third to a fifth of their distance."""
+    closer = rng.uniform(3.0, 5.0)
+    between = math.sqrt(math.pi / 4 * closer * body.area / count)
+    points = body.surface(max(2 * count, min(60 * count, MOST_DRAWN)), rng)
+    normal = rng.normal(size=3)
+    height = points @ (normal / np.linalg.norm(normal)) / between
+    off = np.abs(height - np.round(height))
+    points = points[off < 0.05]
+    # Random points leave gaps between one and two least distances; 1.3 on average.
+    return apart(points, between / closer / 1.3)
+
+
+def on_parts(body: Body, draw: Callable[[Part], np.ndarray]) -> np.ndarray:
+    """Return the points that each part has outside of all others."""
+    found = []
+    for part in body.parts:
+        own = part.placed(draw(part) * part.half)
+        for other in body.parts:
+            if other is not part:
+                own = own[~other.holds(own)]
+        found.append(own)
+    return np.concatenate(found)
+
+
+def spread(length: float, step: float, ends: bool) -> np.ndarray:
+    """Return places from -1 to 1: with both ends, or in the middles of steps."""
+    count = max(2, round(length / step))
+    return np.linspace(-1, 1, count + 1) if ends else (np.arange(count) + 0.5) * 2 / count - 1
+
+
+def regular(part: Part, step: float, ends: bool) -> np.ndarray:
+    """Return the points of a part on grids, rings and golden spirals, in its own half extents."""
+    a, b, c = part.half
+    if part.kind == "ball":
+        count = max(12, round(4 * math.pi * a**2 / step**2))
+        number = np.arange(count) + 0.5
+        z, turn = 1 - 2 * number / count, math.pi * (1 + math.sqrt(5)) * number
+        flat = np.sqrt(1 - z**2)
+        return np.column_stack([flat * np.cos(turn), flat * np.sin(turn), z])
+    if part.kind == "cylinder":
+        rings = [(1.0, z) for z in spread(2 * c, step, ends)]
+        inner = spread(2 * a, step, ends)
+        rings += [(away, z) for away in inner[(inner >= 0) & (inner < 1)] for z in (-1.0, 1.0)]
+        found = []
+        for number, (away, z) in enumerate(rings):
+            count = max(1, round(2 * math.pi * a * away / step))
+            turn = 2 * math.pi * (np.arange(count) + 0.5 * (number % 2)) / count
+            round_about = away * np.column_stack([np.cos(turn), np.sin(turn)])
+            found.append(np.column_stack([round_about, np.full(count, z)]))
+        return np.concatenate(found)
+    axes = [spread(2 * half, step, ends) for half in (a, b, c)]
+    found = []
+    for axis in range(3):
+        u, v = np.meshgrid(*(axes[other] for other in range(3) if other != axis))
+        places = np.column_stack([u.ravel(), v.ravel()])
+        found += [np.insert(places, axis, at, axis=1) for at in (-1.0, 1.0)]
+    return np.unique(np.concatenate(found), axis=0)
+
+
+def on_grids(body: Body, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Grids, golden spirals and rings, none of their points on an edge of a part."""
+    step = math.sqrt(body.area / count)
+    return on_parts(body, lambda part: regular(part, step, ends=False))
+
+
+def on_meshes(body: Body, count: int, rng: np.random.Generator) -> np.ndarray:
+    """The same with points on all edges of parts, as meshes have."""
+    step = math.sqrt(body.area / count)
+    return on_parts(body, lambda part: regular(part, step, ends=True))
+
+
+def in_cubes(body: Body, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Vertices of marching cubes: where the surface crosses the edges of a regular grid."""
+    step = math.sqrt(1.5 * body.area / count)
+    low = np.min([part.middle - part.reach for part in body.parts], axis=0) - step
+    high = np.max([part.middle + part.reach for part in body.parts], axis=0) + step
+    axes = [np.arange(a + rng.random() * step, b + step, step) for a, b in zip(low, high)]
+
+    def inside(points: np.ndarray) -> np.ndarray:
+        return np.any([part.holds(points, 0.0) for part in body.parts], axis=0)
+
+    corners = [np.stack(np.meshgrid(*axes[:2], z, indexing="ij"), axis=-1) for z in axes[2]]
+    held = np.stack([inside(layer)[:, :, 0] for layer in corners], axis=-1)
+    found = []
+    for axis in range(3):
+        at = np.argwhere(np.diff(held, axis=axis))
+        start = np.column_stack([axes[i][at[:, i]] for i in range(3)])
+        near, far = np.zeros(len(at)), np.full(len(at), step)
+        first = held[tuple(at.T)]
+        for _ in range(40):
+            middle = 0.5 * (near + far)
+            same = inside(start + middle[:, None] * np.eye(3)[axis]) == first
+            near, far = np.where(same, middle, near), np.where(same, far, middle)
+        found.append(start + near[:, None] * np.eye(3)[axis])
+    return np.concatenate(found)
+
+
+def union_volume(body: Body, columns: int = 2_000_000) -> float:
+    """Return the volume of a union: of the mean length of upright lines in it, to 0.0002 %."""
+    rng = np.random.default_rng(0)
+    low = np.min([part.middle - part.reach for part in body.parts], axis=0)
+    high = np.max([part.middle + part.reach for part in body.parts], axis=0)
+    edge = math.sqrt(np.prod((high - low)[:2]) / columns)
+    x, y = np.meshgrid(*(np.arange(a, b, edge) for a, b in zip(low[:2], high[:2])))
+    flat = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
+    flat[:, :2] += edge * rng.random((x.size, 2))
+    spans = np.array([crossed(part, flat) for part in body.parts])
+    total, top = np.zeros(x.size), np.full(x.size, -np.inf)
+    order = np.argsort(spans[:, :, 0], axis=0)
+    for row in order:
+        start, end = spans[row, np.arange(x.size)].T
+        total += np.maximum(0.0, end - np.maximum(start, top))
+        top = np.maximum(top, end)
+    return float(total.sum() * edge**2)
+
+
+def crossed(part: Part, flat: np.ndarray) -> np.ndarray:
+    """(N, 2) heights at which upright lines enter and leave a part; equal where they miss it."""
+    start, along = (flat - part.middle) @ part.turn / part.half, part.turn[2] / part.half
+    round_axes = {"box": 0, "cylinder": 2, "ball": 3}[part.kind]
+    near, far = np.full(len(flat), -np.inf), np.full(len(flat), np.inf)
+    for axis in range(round_axes, 3):
+        ends = (np.array([-1.0, 1.0]) - start[:, axis, None]) / along[axis]
+        near, far = np.maximum(near, ends.min(axis=1)), np.minimum(far, ends.max(axis=1))
+    if round_axes:
+        at, by = start[:, :round_axes], along[:round_axes]
+        a, b = by @ by, at @ by
+        root = b**2 - a * ((at**2).sum(axis=1) - 1.0)
+        reach = np.sqrt(np.maximum(root, 0.0))
+        near, far = np.maximum(near, (-b - reach) / a), np.minimum(far, (-b + reach) / a)
+    return np.column_stack([near, np.maximum(near, far)])
+
+
+KINDS: Dict[str, Callable[[Body, int, np.random.Generator], np.ndarray]] = {
+    "random": at_random,
+    "voxels": in_voxels,
+    "distance": at_distance,
+    "grids": on_grids,
+    "meshes": on_meshes,
+    "cubes": in_cubes,
+    "lines": in_lines,
+}
+
+
+def sampled(kind: str, seed: int, count: int, noise: float) -> np.ndarray:
+    """Return (N, 3) points of a random body, about `count`, at UTM-sized coordinates."""
+    rng = np.random.default_rng(seed)
+    points = KINDS[kind](random_body(seed), count, rng)
+    points = points + noise * np.ptp(points, axis=0).max() * rng.standard_normal(points.shape)
+    return np.asarray(rng.permutation(points) + OFFSET)
+
+
+@cache
+def truth_of(seed: int) -> float:
+    return union_volume(random_body(seed))
+
+
+def trial(kind: str, seed: int, count: int, noise: float) -> Tuple[float, float]:
+    """Return the error and its stated standard deviation, percent of the truth."""
+    truth = truth_of(seed)
+    try:
+        # The union's own volume, without the water that stands in its creases.
+        result = volume_of(sampled(kind, seed, count, noise), hollow=True)
+    except QuantifyError as refusal:
+        print(f"{kind} {seed}: {refusal}", file=sys.stderr)
+        return math.nan, math.nan
+    return 100 * (result.volume_m3 / truth - 1), 100 * (result.std_m3 or math.nan) / truth
+
+
+def line(kind: str, count: int, errors: np.ndarray, stds: np.ndarray) -> str:
+    known = np.isfinite(errors)
+    errors, z = errors[known], (errors / stds)[known]
+    again = np.random.default_rng(0).integers(0, len(z), (1000, len(z)))
+    rms = math.sqrt(np.mean(z**2))
+    spread_of_rms = np.std(np.sqrt(np.mean(z[again] ** 2, axis=1)))
+    held, held_again = np.mean(np.abs(z) < 1.96), np.mean(np.abs(z[again]) < 1.96, axis=1)
+    return (
+        f"| {kind} | {count:,} | {len(z)} | {np.mean(errors):+.3f} "
+        f"| {np.median(np.abs(errors)):.3f} | {np.mean(z):+.2f} | {rms:.2f} ± {spread_of_rms:.2f} "
+        f"| {100 * held:.0f} ± {100 * np.std(held_again):.0f} | {np.abs(z).max():.1f} |"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("--bodies", type=int, default=40)
+    parser.add_argument("--points", type=int, nargs="+", default=[5000, 20000])
+    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
+    parser.add_argument("--noise", type=float, default=0.0, help="share of the largest extent")
+    parser.add_argument("--first-seed", type=int, default=FIRST_SEED)
+    given = parser.parse_args()
+    print("| points | count | bodies | mean % | median % | mean z | RMS z | held % | most |")
+    print("|---|--:|--:|--:|--:|--:|--:|--:|--:|")
+    for kind in given.kinds:
+        for count in given.points:
+            rows: List[Tuple[float, float]] = []
+            for seed in range(given.first_seed, given.first_seed + given.bodies):
+                rows.append(trial(kind, seed, count, given.noise))
+            print(line(kind, count, *np.array(rows).T), flush=True)
+
+
+if __name__ == "__main__":
+    main()
