@@ -18,12 +18,14 @@ from scipy.spatial import cKDTree
 from ...types import FloatArray, IntArray
 from .cut import beside, face_costs, minimum_cut
 from .enclose import Enclosed, Open, Unseen, enclosed_by
+from .estimate import hidden_volume
 from .floor import Standing
 from .going_on import going_on, one_each
+from .heap import heap_share
 from .spaces import Spaces, border_faces, gaps_of, open_faces
 from .spacing import spacings
 from .tetrahedra import Tetrahedra, tetrahedralize
-from .views import Views, places_all_round
+from .views import Views, lowest_of, lowest_told, places_all_round
 from .voxels import Thinned, thin
 
 __all__ = ["complete", "is_partly_seen"]
@@ -58,9 +60,11 @@ _GHOST = 2  # kinds of points from which on surfaces are unseen
 _OF_SPREAD = 0.5
 _OF_SHARE = 0.09
 
-#: A surface is partly seen where its openings have a larger share of its area, or a larger share of
-#: its points lies outside of the body. Of whole surfaces of random points the first is below 0.8 %.
+#: A surface is partly seen where openings have a larger share of its area, a larger share of the
+#: volume lies below what was seen (of no heap, whose flanks tell), or a larger share of its points
+#: lies outside of the body. Of whole surfaces of random points the first is below 0.8 %.
 _OPEN = 0.01
+_BELOW = 0.005
 _OUTSIDE = 0.005
 
 _FEWEST = 100  # points that tell how a surface goes on
@@ -74,6 +78,8 @@ def is_partly_seen(standing: Standing, body: Union[Enclosed, Open]) -> bool:
         return True
     openings = float(0.5 * np.linalg.norm(np.cross(*_sides(body.patches)), axis=1).sum())
     apart = np.count_nonzero(body.apart < len(standing.points))
+    if hidden_volume(standing, body)[0] > _BELOW * body.within and heap_share(standing) is None:
+        return True
     return bool(openings > _OPEN * body.surface.area() or apart > _OUTSIDE * len(standing.points))
 
 
@@ -150,15 +156,18 @@ def _views(
 
     Without ground, a body whose underside is in the cloud was seen from below, too.
     """
-    for below in (False, True):
-        places, unsure = places_all_round(standing.points, below)
-        if cameras is not None:
-            places = np.vstack([places, cameras])
-            unsure = np.append(unsure, np.zeros(len(cameras), dtype=bool))
-        views = Views.of(seen, spacing, places)
-        hidden = np.mean(views.seen[: len(standing.points)] == 0)
-        if standing.pose is not None or hidden < _UNDERSIDE:
-            break
+    count, below = len(standing.points), False
+    if cameras is None:
+        views = Views.of(seen, spacing, places_all_round(standing.points, below)[0])
+        below = standing.pose is None and bool(np.mean(views.seen[:count] == 0) > _UNDERSIDE)
+        lowest = lowest_told(views.normals[:count])
+    else:
+        lowest = lowest_of(standing.points, cameras)
+    places, unsure = places_all_round(standing.points, below, lowest)
+    if cameras is not None:
+        places = np.vstack([places, cameras])
+        unsure = np.append(unsure, np.zeros(len(cameras), dtype=bool))
+    views = Views.of(seen, spacing, places)
     return views, unsure
 
 

@@ -22,7 +22,7 @@ from scipy.spatial import cKDTree
 
 from ...types import FloatArray, IntArray
 
-__all__ = ["Views", "places_all_round"]
+__all__ = ["Views", "lowest_of", "lowest_told", "places_all_round"]
 
 #: Side of a depth image's pixels, in spacings: points of a surface leave no pixel between them out.
 _PIXEL = 1.5
@@ -41,42 +41,78 @@ _BEHIND = 0.2
 #: A camera looks into the body where it sees more than this share of what it sees from behind.
 _INSIDE = 0.3
 
-#: Heights of rings of places above the horizon, degrees, and how many stand on each. From the lower
-#: ones more is seen, past what no camera saw, and with it some that is not empty.
-_RINGS = ((15, 12), (40, 10), (70, 5))
-_LOW_RINGS = ((8, 12), (30, 8))
+#: Heights of rings of places above the horizon, degrees, and how many stand on each, besides one of
+#: `_AROUND` where the lowest cameras stood.
+_RINGS = ((40, 10), (70, 5))
+_AROUND = 12
+
+#: Two more are less sure: one between these rings, and one so much lower than the lowest cameras.
+#: From there more is seen, past what no camera saw, and with it some that is not empty.
+_BETWEEN = (30, 8)
+_LOWER = 12.0
+
+#: The lowest cameras stand no higher than this, and where nobody knows at this first, degrees.
+_HIGHEST = 40.0
+_USUAL = 15.0
+
+#: They see surfaces that overhang by up to 90 degrees less their height, but hardly those that they
+#: see at less than this from along them, degrees. Fewer points than this share are noise.
+_GRAZING = 15.0
+_NOISE = 0.003
 
 #: Their distance, in diagonals of the box round all points.
 _DISTANCE = 1.7
 
 
-def places_all_round(points: FloatArray, below: bool) -> Tuple[FloatArray, npt.NDArray[np.bool_]]:
+def places_all_round(
+    points: FloatArray, below: bool, lowest: float = _USUAL
+) -> Tuple[FloatArray, npt.NDArray[np.bool_]]:
     """Return places that stand for cameras.
 
     Parameters
     ----------
     points : (N, 3) float64, metres, upright.
     below : some places look up.
+    lowest : how high above the horizon the lowest cameras stood, degrees.
 
     Returns
     -------
     (K, 3) places; (K,) True for those that are less sure to be where a camera may stand.
     """
-    rings = [(up, count, False) for up, count in _RINGS]
-    rings += [(up, count, True) for up, count in _LOW_RINGS]
+    sure = [(lowest, _AROUND), *_RINGS]
+    rings = [(up, count, False) for up, count in sure]
+    rings += [(max(lowest - _LOWER, 0.0), _AROUND, True), (*_BETWEEN, True)]
     if below:
-        rings += [(-up, count, False) for up, count in _RINGS]
+        rings += [(-up, count, False) for up, count in sure]
     ways, unsure = [], []
     for number, (up, count, low) in enumerate(rings):
         around = 2.0 * np.pi * (np.arange(count) + 0.5 * (number % 2)) / count
-        flat, rise = np.cos(np.radians(up)), np.sin(np.radians(up))
-        ways.append(np.column_stack([flat * np.cos(around), flat * np.sin(around), 0 * around]))
-        ways[-1][:, 2] = rise
+        flat, rise = np.cos(np.radians(up)), np.full(count, np.sin(np.radians(up)))
+        ways.append(np.column_stack([flat * np.cos(around), flat * np.sin(around), rise]))
         unsure.append(np.full(count, low))
     low_corner, high_corner = points.min(axis=0), points.max(axis=0)
     away = _DISTANCE * float(np.linalg.norm(high_corner - low_corner))
     places = 0.5 * (low_corner + high_corner) + away * np.vstack(ways)
     return places, np.concatenate(unsure)
+
+
+def lowest_of(points: FloatArray, cameras: FloatArray) -> float:
+    """Return how high above the horizon the lowest of cameras (K, 3) stood, degrees."""
+    way = cameras - 0.5 * (points.min(axis=0) + points.max(axis=0))
+    up = np.degrees(np.arctan2(way[:, 2], np.hypot(way[:, 0], way[:, 1])))
+    return float(np.clip(up.min(), 0.0, _HIGHEST))
+
+
+def lowest_told(normals: FloatArray) -> float:
+    """Return the same where nobody knows, from how far surfaces overhang that were seen.
+
+    Parameters
+    ----------
+    normals : (N, 3) unit vectors to the outside.
+    """
+    overhang = np.degrees(np.arcsin(np.clip(-normals[:, 2], -1.0, 1.0)))
+    most = float(np.quantile(overhang, 1.0 - _NOISE))
+    return float(np.clip(90.0 - _GRAZING - most, 0.0, _HIGHEST))
 
 
 @dataclass
