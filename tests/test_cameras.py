@@ -1,0 +1,82 @@
+"""Where photographs of a body were taken: a file, the ODM project, and what is refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scans import Flaws, scan
+from solids import sphere
+
+from quantify_client import measure
+from quantify_client.errors import QuantifyError
+
+POINTS = scan(sphere(), 6_000, 5, Flaws(missing=0.3))
+MIDDLE = POINTS.mean(axis=0)
+AROUND = 2 * np.pi * np.arange(12) / 12
+RING = np.column_stack([4 * np.cos(AROUND), 4 * np.sin(AROUND), np.full(12, -0.2)]) + MIDDLE
+
+
+def written(path: Path, points: np.ndarray) -> Path:
+    np.savetxt(path, points, fmt="%.4f")
+    return path
+
+
+def shots(path: Path, places: np.ndarray) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    features = [{"type": "Feature", "properties": {"translation": p.tolist()}} for p in places]
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    return path
+
+
+@pytest.fixture
+def cloud(tmp_path: Path) -> Path:
+    return written(tmp_path / "ball.xyz", POINTS)
+
+
+def test_text_shots_and_project_tell_the_same(cloud: Path, tmp_path: Path) -> None:
+    without = measure(cloud, shape="object", source_unit="m").results[0].volume_m3
+    text = measure(cloud, source_unit="m", cameras=written(tmp_path / "cameras.txt", RING))
+    listed = measure(cloud, source_unit="m", cameras=shots(tmp_path / "shots.geojson", RING))
+    project = tmp_path / "project"
+    (project / "odm_georeferencing").mkdir(parents=True)
+    shots(project / "odm_report" / "shots.geojson", RING)
+    inside = project / "odm_georeferencing" / "odm_georeferenced_model.csv"
+    inside.write_text("X,Y,Z\n" + "\n".join(",".join(f"{v:.4f}" for v in p) for p in POINTS))
+    own = measure(project, shape="object", source_unit="m")
+    assert text.results[0].volume_m3 == pytest.approx(listed.results[0].volume_m3, rel=1e-3)
+    assert own.results[0].volume_m3 == pytest.approx(listed.results[0].volume_m3, rel=1e-3)
+    assert listed.results[0].volume_m3 < 0.98 * without  # they see that nothing is below
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ('{"type": "FeatureCollection", "features": []}', "has no features; expected positions"),
+        ('{"features": [{"properties": {"translation": [1, 2]}}]}', "no translation of three"),
+        ("[1, 2", "cameras.json"),
+    ],
+)
+def test_what_holds_no_positions_is_refused(
+    cloud: Path, tmp_path: Path, content: str, said: str
+) -> None:
+    path = tmp_path / "cameras.json"
+    path.write_text(content)
+    with pytest.raises(QuantifyError, match=said):
+        measure(cloud, source_unit="m", cameras=path)
+
+
+def test_cameras_of_another_place_are_refused(cloud: Path, tmp_path: Path) -> None:
+    path = written(tmp_path / "cameras.txt", RING + np.array([90_000.0, 0.0, 0.0]))
+    with pytest.raises(QuantifyError, match="far from the cloud.*give positions in the cloud's"):
+        measure(cloud, source_unit="m", cameras=path)
+    with pytest.raises(QuantifyError, match="does not exist"):
+        measure(cloud, source_unit="m", cameras=tmp_path / "none.txt")
+
+
+def test_cameras_go_with_objects(cloud: Path, tmp_path: Path) -> None:
+    path = written(tmp_path / "cameras.txt", RING)
+    with pytest.raises(QuantifyError, match="--cameras.* --shape object"):
+        measure(cloud, source_unit="m", shape="terrain", cameras=path)
