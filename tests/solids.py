@@ -7,7 +7,7 @@ at random. Each body is about one metre wide. scans.py scans them.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Callable, Dict, Optional, Sequence, Tuple
@@ -40,7 +40,7 @@ class Body:
     surface: Surface
     hollow: Optional[float] = None
     volume_std: float = 0.0
-    parts: Sequence[Part] = ()
+    parts: Sequence[Part] = field(default=(), compare=False)
 
     def turned(self, name: str, rotation: Rotation) -> Body:
         """Return the same body, rotated."""

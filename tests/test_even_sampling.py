@@ -109,12 +109,15 @@ def test_a_grid_on_a_cube(steps, ends):
 
 @pytest.mark.parametrize("form", ["ball", "torus"])
 def test_scan_lines(form):
-    """A third of the points, thinned along the lines, tells nothing of the gaps between them."""
+    """A third of the points, thinned along the lines, tells nothing of the gaps between them.
+
+    Where lines run around a pole they leave openings, which are completed.
+    """
     rng = np.random.default_rng(3)
     make, truth = FORMS[form]
     points = make(300_000, rng)
     height = points @ np.array([0.6, 0.0, 0.8]) / 0.08
-    holds(apart(points[np.abs(height - np.round(height)) < 0.05], 0.016), truth, rng, 0.007)
+    holds(apart(points[np.abs(height - np.round(height)) < 0.05], 0.016), truth, rng, 0.016)
 
 
 def test_means_of_many_points():

@@ -61,7 +61,7 @@ for _ in range(12):
         ({"area": ROUND, "options": {"scale_mode": "full"}}, "go with control: give"),
         (
             {"area": "whole", "options": {"method": "polar", "hollow": True}},
-            "hollow, max-gap, floor and accuracy go with method",
+            "hollow, max-gap, cameras, floor and accuracy go with method",
         ),
         ({"area": ROUND, "control": "text"}, "an object"),
         ({"area": ROUND, "control": {"text": "x" * 200_001}}, "200000"),

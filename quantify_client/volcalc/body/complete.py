@@ -17,15 +17,16 @@ from scipy.spatial import cKDTree
 
 from ...types import FloatArray, IntArray
 from .cut import beside, face_costs, minimum_cut
-from .enclose import Enclosed, Open, Unseen, enclosed_by
-from .estimate import hidden_volume
+from .enclose import APART, Enclosed, Open, Unseen, enclosed_by
+from .estimate import closing_std, hidden_volume
 from .floor import Standing
+from .foot import find_foot
 from .going_on import going_on, one_each
 from .heap import heap_share
 from .spaces import Spaces, border_faces, gaps_of, open_faces
 from .spacing import spacings
 from .tetrahedra import Tetrahedra, tetrahedralize
-from .views import Views, lowest_of, lowest_told, places_all_round
+from .views import HIGHEST, Views, lowest_of, lowest_told, places_all_round
 from .voxels import Thinned, thin
 
 __all__ = ["complete", "is_partly_seen"]
@@ -60,10 +61,10 @@ _GHOST = 2  # kinds of points from which on surfaces are unseen
 _OF_SPREAD = 0.5
 _OF_SHARE = 0.09
 
-#: A surface is partly seen where openings have a larger share of its area, a larger share of the
-#: volume lies below what was seen (of no heap, whose flanks tell), or a larger share of its points
-#: lies outside of the body. Of whole surfaces of random points the first is below 0.8 %.
-_OPEN = 0.01
+#: A surface is partly seen where lids over its openings may be off by more than this share of the
+#: volume, a larger share of it lies below what was seen, under an overhang, or a larger share of
+#: its points is outside of the body. All three are chosen.
+_OPEN = 0.001
 _BELOW = 0.005
 _OUTSIDE = 0.005
 
@@ -76,23 +77,32 @@ def is_partly_seen(standing: Standing, body: Union[Enclosed, Open]) -> bool:
         return False
     if isinstance(body, Open):
         return True
-    openings = float(0.5 * np.linalg.norm(np.cross(*_sides(body.patches)), axis=1).sum())
+    if heap_share(standing) is not None:
+        return False
     apart = np.count_nonzero(body.apart < len(standing.points))
-    if hidden_volume(standing, body)[0] > _BELOW * body.within and heap_share(standing) is None:
+    if closing_std(body) > _OPEN * body.within or apart > _OUTSIDE * len(standing.points):
         return True
-    return bool(openings > _OPEN * body.surface.area() or apart > _OUTSIDE * len(standing.points))
+    below = hidden_volume(standing, body)[0]
+    foot = find_foot(standing, body, below)
+    return below > _BELOW * body.within and foot is not None and foot.area_rise is not None
 
 
 def complete(standing: Standing, cameras: Optional[FloatArray]) -> Optional[Enclosed]:
-    """Return the body that a partly seen surface encloses; None where it encloses nothing.
+    """Return the body that a partly seen surface encloses.
+
+    None where it encloses nothing; and where nobody knows where cameras stood, there is no floor,
+    and no surface overhangs: what ends there stands on something.
 
     Parameters
     ----------
     cameras : (K, 3) upright, where they stood, metres; None where that is not known.
     """
-    seen = np.vstack([standing.points, standing.ground])
+    seen = np.vstack([standing.points, _near(standing.ground, standing.points)])
     spacing = float(np.median(spacings(standing.points)))
-    views, unsure = _views(standing, seen, spacing, cameras)
+    found = _views(standing, seen, spacing, cameras)
+    if found is None:
+        return None
+    views, unsure = found
     which = _some(standing.points)
     points, normals = standing.points[which], views.normals[which]
     step = _NEXT * float(np.median(spacings(points)))
@@ -117,7 +127,8 @@ def complete(standing: Standing, cameras: Optional[FloatArray]) -> Optional[Encl
     if volumes[best] <= 0.0:
         return None
     empty = np.append(sure.sum(axis=0) > 0, False)
-    return _enclosed(space, bodies[best], kind, volumes, empty)
+    body = _enclosed(space, bodies[best], kind, volumes, empty)
+    return replace(body, apart=_outside(space, bodies[best], standing.points, len(points)))
 
 
 def _enclosed(
@@ -149,10 +160,28 @@ def _enclosed(
     )
 
 
+def _outside(
+    space: Tetrahedra, matter: npt.NDArray[np.bool_], points: FloatArray, count: int
+) -> IntArray:
+    """Return which of all points are far from the first `count`, as far as they are on the body."""
+    corners = np.unique(space.corners[matter[:-1]])
+    corners = corners[corners < count]
+    away = cKDTree(space.points[corners]).query(points)[0]
+    return np.flatnonzero(away > APART * float(np.median(space.spacing[:count])))
+
+
+def _near(ground: FloatArray, points: FloatArray) -> FloatArray:
+    """Return the ground no farther from the body than half the diagonal of its box."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    room = 0.5 * float(np.linalg.norm(high - low))
+    near = (ground[:, :2] > low[:2] - room) & (ground[:, :2] < high[:2] + room)
+    return np.asarray(ground[near.all(axis=1)])
+
+
 def _views(
     standing: Standing, seen: FloatArray, spacing: float, cameras: Optional[FloatArray]
-) -> Tuple[Views, npt.NDArray[np.bool_]]:
-    """Return what is seen, and which of the places are less sure.
+) -> Optional[Tuple[Views, npt.NDArray[np.bool_]]]:
+    """Return what is seen, and which of the places are less sure; or None (see `complete`).
 
     Without ground, a body whose underside is in the cloud was seen from below, too.
     """
@@ -161,6 +190,8 @@ def _views(
         views = Views.of(seen, spacing, places_all_round(standing.points, below)[0])
         below = standing.pose is None and bool(np.mean(views.seen[:count] == 0) > _UNDERSIDE)
         lowest = lowest_told(views.normals[:count])
+        if standing.pose is None and not below and lowest >= HIGHEST:
+            return None
     else:
         lowest = lowest_of(standing.points, cameras)
     places, unsure = places_all_round(standing.points, below, lowest)
@@ -224,8 +255,3 @@ def _some(points: FloatArray) -> npt.NDArray[np.int64]:
         return np.arange(len(points))
     fewer = thin(Thinned(points, np.ones(len(points), dtype=np.int64), 0.0), _MOST_POINTS)
     return np.unique(cKDTree(points).query(fewer.points)[1])
-
-
-def _sides(triangles: FloatArray) -> Tuple[FloatArray, FloatArray]:
-    """Return two sides of each of (T, 3, 3) triangles."""
-    return triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]

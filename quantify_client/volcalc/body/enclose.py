@@ -15,7 +15,7 @@ from .sections import BodySurface, surface_of
 from .spaces import Spaces, border_faces, find_pockets, find_spaces, open_faces
 from .tetrahedra import Tetrahedra, connected, tetrahedralize
 
-__all__ = ["Enclosed", "Open", "Unseen", "enclose", "enclosed_by"]
+__all__ = ["APART", "Enclosed", "Open", "Unseen", "enclose", "enclosed_by"]
 
 #: Hollows shallower than this many spacings are roughness.
 _SHALLOW = 4.0
@@ -25,7 +25,7 @@ _SKIN = 0.99
 
 #: Points outside of a body that are farther from it than this many spacings are none of its noise,
 #: which its skin holds.
-_APART = 3.0
+APART = 3.0
 
 #: A sheet of points has less than this many spacings between its sides.
 _SHEET = 0.5
@@ -195,7 +195,7 @@ def _apart(space: Tetrahedra, solid: npt.NDArray[np.bool_]) -> IntArray:
     if not len(outside) or not of_matter.any():
         return outside
     away = cKDTree(space.points[of_matter]).query(space.points[outside])[0]
-    return np.asarray(outside[away > _APART * space.spacing[outside]])
+    return np.asarray(outside[away > APART * space.spacing[outside]])
 
 
 def _skin_width(space: Tetrahedra, matter: npt.NDArray[np.bool_]) -> float:

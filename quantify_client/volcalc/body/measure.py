@@ -245,7 +245,9 @@ def _edges(standing: Standing, body: Enclosed, recipe: BodyRecipe) -> FloatArray
     lowest = 0.0 if standing.pose is not None else body.surface.lowest
     highest = body.surface.highest
     count = recipe.slab_count(highest - lowest)
-    return slab_edges(min(lowest, body.surface.lowest), highest, count)
+    if body.unseen is None:
+        lowest = min(lowest, body.surface.lowest)
+    return slab_edges(lowest, highest, count)
 
 
 def _volume_below(

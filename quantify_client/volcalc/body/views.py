@@ -22,10 +22,13 @@ from scipy.spatial import cKDTree
 
 from ...types import FloatArray, IntArray
 
-__all__ = ["Views", "lowest_of", "lowest_told", "places_all_round"]
+__all__ = ["HIGHEST", "Views", "lowest_of", "lowest_told", "places_all_round"]
 
 #: Side of a depth image's pixels, in spacings: points of a surface leave no pixel between them out.
 _PIXEL = 1.5
+
+#: What is more pixels beside the line of sight, or behind the camera, is not in an image.
+_WIDEST = 2_000
 
 #: Space is empty that ends so many spacings before what is seen.
 _BEFORE = 2.0
@@ -52,7 +55,7 @@ _BETWEEN = (30, 8)
 _LOWER = 12.0
 
 #: The lowest cameras stand no higher than this, and where nobody knows at this first, degrees.
-_HIGHEST = 40.0
+HIGHEST = 40.0
 _USUAL = 15.0
 
 #: They see surfaces that overhang by up to 90 degrees less their height, but hardly those that they
@@ -100,7 +103,7 @@ def lowest_of(points: FloatArray, cameras: FloatArray) -> float:
     """Return how high above the horizon the lowest of cameras (K, 3) stood, degrees."""
     way = cameras - 0.5 * (points.min(axis=0) + points.max(axis=0))
     up = np.degrees(np.arctan2(way[:, 2], np.hypot(way[:, 0], way[:, 1])))
-    return float(np.clip(up.min(), 0.0, _HIGHEST))
+    return float(np.clip(up.min(), 0.0, HIGHEST))
 
 
 def lowest_told(normals: FloatArray) -> float:
@@ -112,16 +115,16 @@ def lowest_told(normals: FloatArray) -> float:
     """
     overhang = np.degrees(np.arcsin(np.clip(-normals[:, 2], -1.0, 1.0)))
     most = float(np.quantile(overhang, 1.0 - _NOISE))
-    return float(np.clip(90.0 - _GRAZING - most, 0.0, _HIGHEST))
+    return float(np.clip(90.0 - _GRAZING - most, 0.0, HIGHEST))
 
 
 @dataclass
 class _View:
     """The depth image of one camera.
 
-    ``axes`` has the image's axes and the line of sight as columns; ``corner`` is the number of its
-    first pixel. Up to ``empty`` metres away there is nothing in a pixel (-inf: nobody knows);
-    ``beyond`` is True where it shows nothing at all.
+    ``shown`` are the points in the image, of ``size`` pixels. ``axes`` has its axes and the line of
+    sight as columns; ``corner`` is the number of its first pixel. Up to ``empty`` metres away there
+    is nothing in a pixel (-inf: nobody knows); ``beyond`` is True where it shows nothing at all.
     """
 
     place: FloatArray
@@ -129,6 +132,8 @@ class _View:
     pixel: float
     corner: IntArray
     pixels: IntArray
+    shown: npt.NDArray[np.bool_]
+    size: Tuple[int, ...]
     depth: FloatArray
     nearest: FloatArray
     empty: FloatArray
@@ -148,11 +153,15 @@ class _View:
         none = np.empty((0, 0))
         view = cls(
             place, axes, _PIXEL * spacing / away, np.zeros(2, dtype=np.int64),
-            np.empty(0, dtype=np.int64), np.empty(0), none, none, none.astype(bool),
+            np.empty(0, dtype=np.int64), np.empty(0, dtype=bool), (), np.empty(0), none, none,
+            none.astype(bool),
         )  # fmt: skip
         pixels, view.depth = view.project(points)
-        view.corner = pixels.min(axis=0) - 2
-        view.pixels = pixels - view.corner
+        view.shown = (np.abs(pixels) < _WIDEST).all(axis=1)
+        inside = pixels[view.shown] if view.shown.any() else np.zeros((1, 2), dtype=np.int64)
+        view.corner = inside.min(axis=0) - 2
+        view.pixels = np.where(view.shown[:, None], pixels - view.corner, 0)
+        view.size = tuple((inside.max(axis=0) - view.corner + 3).tolist())
         view.nearest = view.image(np.ones(len(points), dtype=bool))
         return view
 
@@ -160,13 +169,14 @@ class _View:
         """Return pixels (N, 2), counted from the line of sight, and distances (N,)."""
         seen = (points - self.place) @ self.axes
         front = np.maximum(seen[:, 2:], 1e-12)
-        pixels = np.clip(seen[:, :2] / front / self.pixel, -1e6, 1e6)
+        pixels = np.clip(seen[:, :2] / front / self.pixel, -_WIDEST, _WIDEST)
         depth = np.sqrt(np.einsum("ni,ni->n", seen, seen))
         return np.floor(pixels).astype(np.int64), depth
 
     def image(self, some: npt.NDArray[np.bool_]) -> FloatArray:
         """Return the nearest of some of the points in each pixel, inf where there is none."""
-        image = np.full(tuple(self.pixels.max(axis=0) + 3), np.inf)
+        image = np.full(self.size, np.inf)
+        some = some & self.shown
         np.minimum.at(image, tuple(self.pixels[some].T), self.depth[some])
         return image
 
@@ -175,7 +185,7 @@ class _View:
         slope = np.sqrt(np.maximum(1.0 - cosine**2, 0.0)) / np.maximum(np.abs(cosine), 0.05)
         reach = self.pixel * self.depth * np.minimum(0.5 + 2.0 * slope, 4.0)
         nearest = minimum_filter(self.nearest, 3)[tuple(self.pixels.T)]
-        return np.asarray(self.depth <= nearest + reach)
+        return np.asarray(self.shown & (self.depth <= nearest + reach))
 
     def judge(self, seen: npt.NDArray[np.bool_], cosine: FloatArray, margin: float) -> None:
         """Find up to where each pixel is empty."""
@@ -191,7 +201,8 @@ class _View:
         pixels, depth = self.project(points)
         pixels = pixels - self.corner
         within = ((pixels >= 0) & (pixels < self.beyond.shape)).all(axis=1)
-        before, beyond = np.zeros(len(points), dtype=bool), ~within
+        before = np.zeros(len(points), dtype=bool)
+        beyond = ~within & (np.abs(pixels + self.corner) < _WIDEST).all(axis=1)
         place = tuple(pixels[within].T)
         before[within] = depth[within] < self.empty[place]
         beyond[within] = self.beyond[place]
