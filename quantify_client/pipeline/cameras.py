@@ -17,7 +17,7 @@ from ..types import FloatArray
 
 __all__ = ["cameras_of"]
 
-_MOST = 5_000  # cameras: each costs a picture of the cloud
+_MOST = 200_000  # cameras: more is a cloud
 _EXPECTED = "positions of cameras: ODM's odm_report/shots.geojson, or a text file of x, y, z"
 
 

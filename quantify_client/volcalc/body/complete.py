@@ -1,8 +1,8 @@
 """The body that a surface encloses of which a part was not seen.
 
-Openings are closed in several ways that disagree (`completions`): the surface goes on as it curves
-before them, or half as much; and low places, from which more is seen to be empty, count or do not.
-The volume is the mean of them all, and their spread tells how little is known.
+It is completed in two ways that disagree: the surface goes on as it curves before its openings, or
+half as much; and low places, from which more is seen to be empty, count or do not. The volume is
+the mean of both, and what they differ by tells how little is known.
 """
 
 from __future__ import annotations
@@ -33,6 +33,9 @@ __all__ = ["complete", "is_partly_seen"]
 
 #: Points that completions are found by.
 _MOST_POINTS = 8_000
+
+#: Cameras whose images are made: every so many of a longer list, which goes along their way.
+_MOST_CAMERAS = 60
 
 #: A body was seen from below, too, where this share of its points is hidden from above.
 _UNDERSIDE = 0.1
@@ -166,6 +169,8 @@ def _outside(
     """Return which of all points are far from the first `count`, as far as they are on the body."""
     corners = np.unique(space.corners[matter[:-1]])
     corners = corners[corners < count]
+    if not len(corners):
+        return np.arange(len(points))
     away = cKDTree(space.points[corners]).query(points)[0]
     return np.flatnonzero(away > APART * float(np.median(space.spacing[:count])))
 
@@ -194,6 +199,8 @@ def _views(
             return None
     else:
         lowest = lowest_of(standing.points, cameras)
+        some = np.linspace(0, len(cameras) - 1, min(len(cameras), _MOST_CAMERAS))
+        cameras = cameras[np.round(some).astype(np.int64)]
     places, unsure = places_all_round(standing.points, below, lowest)
     if cameras is not None:
         places = np.vstack([places, cameras])
@@ -254,4 +261,4 @@ def _some(points: FloatArray) -> npt.NDArray[np.int64]:
     if len(points) <= _MOST_POINTS:
         return np.arange(len(points))
     fewer = thin(Thinned(points, np.ones(len(points), dtype=np.int64), 0.0), _MOST_POINTS)
-    return np.unique(cKDTree(points).query(fewer.points)[1])
+    return np.asarray(np.unique(cKDTree(points).query(fewer.points)[1]))

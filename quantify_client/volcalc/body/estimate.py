@@ -131,7 +131,7 @@ def estimate(
     if found.area > 0.0:
         thickness = body.skin / found.area
         noise = min(noise, _MOST_NOISE * thickness**2 * max(0.0, found.curvature))
-    curved = abs(found.curvature) * math.sqrt(coarse) / max(found.area, np.finfo(float).tiny)
+    curved = abs(found.curvature) * math.sqrt(coarse) / max(found.area, float(np.finfo(float).tiny))
     return Estimate(
         volume=body.within + kept + depth + noise,
         sampling_std=math.hypot(

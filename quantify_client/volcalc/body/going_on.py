@@ -154,4 +154,4 @@ def _fitted(
 def one_each(points: FloatArray, side: float) -> FloatArray:
     """Return the first of points (N, 3) in each cube."""
     cube = np.floor(points / side).astype(np.int64)
-    return points[np.sort(np.unique(cube, axis=0, return_index=True)[1])]
+    return np.asarray(points[np.sort(np.unique(cube, axis=0, return_index=True)[1])])

@@ -238,8 +238,8 @@ class Views:
         fair = np.ones(len(views), dtype=bool)
         while True:
             sign = np.where((seen_by[fair] * cosine_to[fair]).sum(axis=0) < 0, -1.0, 1.0)
-            behind = (seen_by & (sign * cosine_to < 0)).sum(axis=1) / seen_by.sum(axis=1)
-            into = fair & (behind > _INSIDE)
+            behind = (seen_by & (sign * cosine_to < 0)).sum(axis=1)
+            into = fair & (behind > _INSIDE * seen_by.sum(axis=1))
             if not into.any() or into[fair].all():
                 break
             fair &= ~into
