@@ -62,11 +62,11 @@ _GHOST = 2  # kinds of points from which on surfaces are unseen
 #: Standard deviation of the volume: shares of half of what the completions differ by, and, for what
 #: both of them miss, of the volume times the unseen share of the surface. Calibrated (method.md).
 _OF_SPREAD = 0.5
-_OF_SHARE = 0.09
+_OF_SHARE = 0.14
 
 #: A surface is partly seen where lids over its openings may be off by more than this share of the
-#: volume, a larger share of it lies below what was seen, under an overhang, or a larger share of
-#: its points is outside of the body. All three are chosen.
+#: volume, a larger share of it lies below what was seen, where no upright foot goes on, or a larger
+#: share of its points is outside of the body. All three are chosen.
 _OPEN = 0.001
 _BELOW = 0.005
 _OUTSIDE = 0.005
@@ -87,7 +87,8 @@ def is_partly_seen(standing: Standing, body: Union[Enclosed, Open]) -> bool:
         return True
     below = hidden_volume(standing, body)[0]
     foot = find_foot(standing, body, below)
-    return below > _BELOW * body.within and foot is not None and foot.area_rise is not None
+    upright = foot is not None and foot.area_rise is None
+    return below > _BELOW * body.within and not upright
 
 
 def complete(standing: Standing, cameras: Optional[FloatArray]) -> Optional[Enclosed]:

@@ -86,6 +86,8 @@ def measure_body(
     zero = local.elevation_of_zero(standing)
     below = _volume_below(standing, body, found.volume, hidden, foot)
     edges, place = _edges(standing, body, recipe), partial(local.place, standing)
+    below_edges = below(edges)
+    below_edges[0] = 0.0  # but for points that were joggled, nothing lies below the lowest
     return AreaResult(
         name=name,
         volume_m3=volume,
@@ -99,7 +101,7 @@ def measure_body(
         points_used=int(standing.counts.sum()),
         points_left_out={"ground": standing.ground_count, "outliers": standing.outlier_count},
         slice_height_m=float(edges[1] - edges[0]),
-        slices=_slices(standing, edges, np.diff(below(edges)), zero),
+        slices=_slices(standing, edges, np.diff(below_edges), zero),
         checks=_checks(standing, body, hidden, foot),
         warnings=tuple(body_warnings(cloud, standing, body, unseen, volume, place, recipe)),
         body=_drawn(local, standing, body, edges, volume),

@@ -60,7 +60,7 @@ _USUAL = 15.0
 
 #: They see surfaces that overhang by up to 90 degrees less their height, but hardly those that they
 #: see at less than this from along them, degrees. Fewer points than this share are noise.
-_GRAZING = 15.0
+_GRAZING = 20.0
 _NOISE = 0.003
 
 #: Their distance, in diagonals of the box round all points.
