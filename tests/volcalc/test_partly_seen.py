@@ -94,6 +94,7 @@ def test_it_ends_at_the_floor() -> None:
     assert beyond[:, 2].min() > 0.3
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("body", [sphere, torus, cube, cup], ids=lambda body: body.__name__)
 def test_a_hole_of_a_fifth_is_inside_the_interval(body) -> None:
     made = body()
@@ -120,6 +121,7 @@ def test_hollow_and_max_gap_close_openings_as_they_say() -> None:
         volume_of(points, max_gap=0.05)
 
 
+@pytest.mark.one_python
 def test_positions_of_cameras_count() -> None:
     """Cameras that look up from below see that nothing is there: the ball ends flat."""
     points = scan(sphere(), 15_000, 5, Flaws(missing=0.3))
