@@ -141,14 +141,19 @@ def test_a_floor_above_the_ground_cuts_the_body_there():
     assert result.min_z_m == pytest.approx(100.5)
 
 
-def test_what_nobody_saw_above_the_ground_is_half_added_and_told():
+def test_an_overhang_that_nobody_saw_above_the_ground_is_completed_and_told():
     result = volume_of(scanned("sphere", 3000, ground=2.0, missing=0.1))
     assert_consistent(result)
     assert result.volume_m3 == pytest.approx(BALL, rel=0.03)
-    (coverage,) = (item for item in result.budget if item.source == "coverage")
-    # Between none and all of a disc of radius 0.3, 0.1 high, evenly spread; the section that tells
-    # its size lies somewhat higher.
-    assert coverage.std_m3 == pytest.approx(np.pi * 0.09 * 0.1 / np.sqrt(12), rel=0.4)
+    assert abs(result.volume_m3 - BALL) < 1.96 * result.std_m3
+    assert any("was not seen" in line for line in result.warnings)
+
+
+def test_an_upright_foot_that_nobody_saw_goes_on_to_the_ground_and_is_told():
+    result = volume_of(scanned("cube", 3000, ground=2.0, missing=0.1))
+    assert_consistent(result)
+    assert result.volume_m3 == pytest.approx(1.0, rel=0.02)
+    assert abs(result.volume_m3 - 1.0) < 1.96 * result.std_m3
     assert any("were not seen" in line for line in result.warnings)
 
 
