@@ -18,12 +18,11 @@ from pathlib import Path
 from typing import Callable, Dict, List, Tuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from quantify_client.errors import QuantifyError
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-from scans import OFFSET, volume_of
+from scans import OFFSET, apart, volume_of
 from solids import Body, Part, random_body
 
 FIRST_SEED = 8000
@@ -49,16 +48,6 @@ def in_voxels(body: Body, count: int, rng: np.random.Generator) -> np.ndarray:
         if len(held) <= 1.05 * count:
             return np.column_stack([np.bincount(voxel, axis) / held for axis in points.T])
         side *= math.sqrt(len(held) / count)
-
-
-def apart(points: np.ndarray, least: float) -> np.ndarray:
-    """Return points of which no two are nearer than a distance, the first ones of each place."""
-    tree, kept = cKDTree(points), np.ones(len(points), dtype=bool)
-    for number in range(len(points)):
-        if kept[number]:
-            near = np.array(tree.query_ball_point(points[number], least))
-            kept[near[near > number]] = False
-    return points[kept]
 
 
 def at_distance(body: Body, count: int, rng: np.random.Generator) -> np.ndarray:

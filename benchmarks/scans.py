@@ -116,7 +116,7 @@ def summary(by_body: Dict[str, List[Trial]]) -> str:
         ]
     )
     (low, low_held), (high, high_held) = np.nanquantile(draws, [0.025, 0.975], axis=0)
-    medians = [np.nanmedian(np.abs([getattr(t, n) for t in trials])) for n in ("poisson", "hull")]
+    medians = [np.median(np.abs([getattr(t, n) for t in trials])) for n in ("poisson", "hull")]
     return (
         f"{np.nanmedian(np.abs(error)):.2f} | {np.nanmean(error):+.2f} | "
         f"{np.nanmax(np.abs(error)):.1f} | {rms:.2f} ({low:.2f} to {high:.2f}) | {held:.0f} "

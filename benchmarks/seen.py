@@ -18,7 +18,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-from solids import Body
+from solids import Body, mesh_body
 
 FLIP = 100.0
 """Radius of the sphere that points are flipped at, times the farthest one's distance."""
@@ -32,7 +32,7 @@ WAVES, LENGTHS = 40, (0.2, 0.6)
 
 @dataclass(frozen=True)
 class Scene:
-    """A cloud and its truth: points (N, 3), camera that each is seen by, cameras (K, 3)."""
+    """Points (N, 3) on a floor at 0, the camera that sees each, cameras (K, 3), and the truth."""
 
     name: str
     volume: float
@@ -40,33 +40,21 @@ class Scene:
     seen_by: np.ndarray
     cameras: np.ndarray
     share: float
-    floor: float
-
-
-def mesh_body(name: str, corners: np.ndarray, faces: np.ndarray) -> Body:
-    """Return the body within a closed mesh, its longest side 1."""
-    corners = corners / np.ptp(corners, axis=0).max()
-    a, b, c = (corners[faces[:, i]] for i in range(3))
-    volume = abs(float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum())) / 6.0
-    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0
-
-    def draw(count: int, rng: np.random.Generator) -> np.ndarray:
-        k = rng.choice(len(faces), count, p=areas / areas.sum())
-        u, v = np.sqrt(rng.random((count, 1))), rng.random((count, 1))
-        return np.asarray(a[k] * (1 - u) + b[k] * (u * (1 - v)) + c[k] * (u * v))
-
-    return Body(name, volume, float(areas.sum()), draw)
 
 
 def meshes(folder: Path) -> Iterator[Body]:
-    """Yield the closed meshes of a folder; Open3D reads them."""
+    """Yield the closed meshes of a folder, longest side 1; Open3D reads them."""
     import open3d
 
     for path in sorted(folder.iterdir()):
         mesh = open3d.io.read_triangle_mesh(str(path))
         mesh.remove_duplicated_vertices()
         if len(mesh.triangles) and mesh.is_edge_manifold(allow_boundary_edges=False):
-            yield mesh_body(path.stem, np.asarray(mesh.vertices), np.asarray(mesh.triangles))
+            corners = np.asarray(mesh.vertices)
+            corners, faces = corners / np.ptp(corners, axis=0).max(), np.asarray(mesh.triangles)
+            a, b, c = (corners[faces[:, i]] for i in range(3))
+            volume = abs(float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum())) / 6.0
+            yield mesh_body(path.stem, corners, faces, volume)
 
 
 def resting(body: Body, seed: int) -> Body:
@@ -148,4 +136,4 @@ def scene(body: Body, count: int, cameras: int, on_ground: bool, amount: float, 
     if not on_ground:
         kept[count:] = False
     moved = displaced(everything[kept], amount, side, rng)
-    return Scene(body.name, body.volume, moved, by[kept], places, share, 0.0)
+    return Scene(body.name, body.volume, moved, by[kept], places, share)

@@ -94,3 +94,13 @@ def _ground(
     away, _ = cKDTree(hidden).query(flat, distance_upper_bound=0.03 * width)
     flat = flat[np.isinf(away)]
     return np.column_stack([flat, np.full(len(flat), low[2])])
+
+
+def apart(points: np.ndarray, least: float) -> np.ndarray:
+    """Return points of which no two are nearer than a distance, the first ones of each place."""
+    tree, kept = cKDTree(points), np.ones(len(points), dtype=bool)
+    for number in range(len(points)):
+        if kept[number]:
+            near = np.array(tree.query_ball_point(points[number], least))
+            kept[near[near > number]] = False
+    return points[kept]

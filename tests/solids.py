@@ -276,7 +276,11 @@ def bunny_mesh() -> Tuple[np.ndarray, np.ndarray]:
 
 def bunny() -> Body:
     """The Stanford bunny; the holes in its base count as closed flat."""
-    corners, faces = bunny_mesh()
+    return mesh_body("bunny", *bunny_mesh(), volume=0.20008)
+
+
+def mesh_body(name: str, corners: np.ndarray, faces: np.ndarray, volume: float) -> Body:
+    """Return the body whose surface (F, 3) triangles between (V, 3) corners are."""
     a, b, c = (corners[faces[:, i]] for i in range(3))
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
 
@@ -285,7 +289,7 @@ def bunny() -> Body:
         u, v = np.sqrt(rng.random((count, 1))), rng.random((count, 1))
         return np.asarray(a[k] * (1 - u) + b[k] * (u * (1 - v)) + c[k] * (u * v))
 
-    return Body("bunny", 0.20008, float(areas.sum()), draw)
+    return Body(name, volume, float(areas.sum()), draw)
 
 
 _ASKEW = Rotation.from_rotvec([0.9, -0.5, 0.7])

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from scans import volume_of
-from scipy.spatial import ConvexHull, cKDTree
+from scans import apart, volume_of
+from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from quantify_client.volcalc.body.facets import facets_of
@@ -53,16 +53,6 @@ def in_voxels(points, side):
     voxel = voxel.ravel()
     count = np.bincount(voxel)
     return np.column_stack([np.bincount(voxel, axis) / count for axis in points.T])
-
-
-def apart(points, least):
-    """Points of which no two are nearer than a distance, as CloudCompare and PDAL thin."""
-    tree, kept = cKDTree(points), np.ones(len(points), dtype=bool)
-    for number in range(len(points)):
-        if kept[number]:
-            near = np.array(tree.query_ball_point(points[number], least))
-            kept[near[near > number]] = False
-    return points[kept]
 
 
 def holds(points, truth, rng, most, sigmas=2.5):

@@ -17,7 +17,7 @@ from ..types import FloatArray
 
 __all__ = ["cameras_of"]
 
-_MOST = 200_000  # cameras: more is a cloud
+_MOST = 20_000  # more is a cloud
 _EXPECTED = "positions of cameras: ODM's odm_report/shots.geojson, or a text file of x, y, z"
 
 
@@ -34,17 +34,19 @@ def cameras_of(source: Source, frame: Frame, options: Options) -> Optional[Float
         if path is None or not path.is_file():
             return None
         try:
-            places = _of_shots(path)
+            return _moved(_of_shots(path), frame)
         except ControlError:  # an old version's, and nobody asked for it
             return None
-    else:
-        places = _of_file(Path(str(options.cameras)))
-    moved = np.column_stack(frame.to_frame(*places.T.copy()))
-    if not len(moved) or len(moved) > _MOST:
-        raise InputError(f"{options.cameras}: {len(moved)} cameras; expected 1 to {_MOST}")
-    if options.cameras is not None:
-        _require_near(source, frame, moved, str(options.cameras))
+    name, places = str(options.cameras), _of_file(Path(str(options.cameras)))
+    if not 0 < len(places) <= _MOST:
+        raise InputError(f"{name}: {len(places):,} places; expected {_EXPECTED}, 1 to {_MOST:,}")
+    moved = _moved(places, frame)
+    _require_near(source, frame, moved, name)
     return moved
+
+
+def _moved(places: FloatArray, frame: Frame) -> FloatArray:
+    return np.column_stack(frame.to_frame(*places.T.copy()))
 
 
 def _of_file(path: Path) -> FloatArray:

@@ -91,8 +91,10 @@ def is_partly_seen(standing: Standing, body: Union[Enclosed, Open]) -> bool:
     return below > _BELOW * body.within and not upright
 
 
-def complete(standing: Standing, cameras: Optional[FloatArray]) -> Optional[Enclosed]:
-    """Return the body that a partly seen surface encloses.
+def complete(
+    standing: Standing, cameras: Optional[FloatArray]
+) -> Optional[Tuple[Standing, Enclosed]]:
+    """Return the body that a partly seen surface encloses, which goes down to its ground.
 
     None where it encloses nothing; and where nobody knows where cameras stood, there is no floor,
     and no surface overhangs: what ends there stands on something.
@@ -132,7 +134,8 @@ def complete(standing: Standing, cameras: Optional[FloatArray]) -> Optional[Encl
         return None
     empty = np.append(sure.sum(axis=0) > 0, False)
     body = _enclosed(space, bodies[best], kind, volumes, empty)
-    return replace(body, apart=_outside(space, bodies[best], standing.points, len(points)))
+    body = replace(body, apart=_outside(space, bodies[best], standing.points, len(points)))
+    return replace(standing, lid=np.empty((0, 3)), sure=0.0, unsure=0.0), body
 
 
 def _enclosed(
@@ -191,9 +194,10 @@ def _views(
 
     Without ground, a body whose underside is in the cloud was seen from below, too.
     """
-    count, below = len(standing.points), False
+    count, below, normals = len(standing.points), False, None
     if cameras is None:
         views = Views.of(seen, spacing, places_all_round(standing.points, below)[0])
+        normals = views.normals
         below = standing.pose is None and bool(np.mean(views.seen[:count] == 0) > _UNDERSIDE)
         lowest = lowest_told(views.normals[:count])
         if standing.pose is None and not below and lowest >= HIGHEST:
@@ -206,8 +210,7 @@ def _views(
     if cameras is not None:
         places = np.vstack([places, cameras])
         unsure = np.append(unsure, np.zeros(len(cameras), dtype=bool))
-    views = Views.of(seen, spacing, places)
-    return views, unsure
+    return Views.of(seen, spacing, places, normals), unsure
 
 
 def _seen_empty(

@@ -116,11 +116,12 @@ def estimate(
         return Estimate(body.within, 0.0, 2.0 * _OF_THIN_WALLS * body.skin)
     found = facets_of(body.surface, body.patches, above)
     kept = 0.5 * (found.local + found.whole) * (1.0 - found.along_share)
-    coarse, even = _coarseness(body, above), 0.0
+    even = 0.0
     if again is None:
         of_middle = _FACETS_OF_MIDDLE * max(0.0, kept)
     else:
-        ratio = max(float(every), _coarseness(again, above) / coarse)
+        coarser = facets_of(again.surface, again.patches, above).coarseness
+        ratio = max(float(every), coarser / found.coarseness)
         even = min(1.0, (ratio / every - 1.0) / (_EVEN - 1.0))
         less = bulge - 0.5 * (again.outer - again.inner)
         of_middle = (1.0 - even) * less / (ratio - 1.0)
@@ -131,7 +132,11 @@ def estimate(
     if found.area > 0.0:
         thickness = body.skin / found.area
         noise = min(noise, _MOST_NOISE * thickness**2 * max(0.0, found.curvature))
-    curved = abs(found.curvature) * math.sqrt(coarse) / max(found.area, float(np.finfo(float).tiny))
+    curved = (
+        abs(found.curvature)
+        * math.sqrt(found.coarseness)
+        / max(found.area, float(np.finfo(float).tiny))
+    )
     return Estimate(
         volume=body.within + kept + depth + noise,
         sampling_std=math.hypot(
@@ -165,32 +170,13 @@ def _of_voxels(points: FloatArray) -> float:
     return min(1.0, max(0.0, share))
 
 
-def _coarseness(body: Enclosed, above: float) -> float:
-    """Return the mean over a surface of the sum of the squares of its triangles' sides, m2.
-
-    Without the triangles that close openings or lie at the foot.
-    """
-    corners = body.surface.corners
-    sums = _sums_of_squares(corners[corners[:, 0, 2] >= above]) - _sums_of_squares(body.patches)
-    return float(sums[1] / sums[0]) if (sums > 0).all() else 1.0
-
-
-def _sums_of_squares(corners: FloatArray) -> FloatArray:
-    """Return the area of triangles (T, 3, 3), and its sum times the squares of their sides."""
-    if not len(corners):
-        return np.zeros(2)
-    sides = corners - np.roll(corners, -1, axis=1)
-    area = 0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-    return np.array([area.sum(), (area * (sides**2).sum(axis=(1, 2))).sum()])
-
-
 def hidden_volume(standing: Standing, body: Enclosed) -> Tuple[float, float]:
     """Return the volume below the lowest section, and its standard deviation.
 
     The layer left out with the ground is taken as upright body (``standing.sure``). Of the layer
     above it that no camera saw, anything between none and all is body: half is added.
     """
-    if not len(standing.lid) or body.unseen is not None:
+    if not len(standing.lid):
         return 0.0, 0.0
     above = body.surface.lowest + 1.5 * body.spacing
     area = float(body.surface.areas(np.array([above]))[0])

@@ -46,6 +46,7 @@ class Facets:
     along : part of ``whole`` that belongs to edges with points along them, m3.
     curvature : integral of the mean curvature over the surface, m.
     area : of the triangles, m2.
+    coarseness : mean over them of the sum of the squares of their sides, m2.
     """
 
     local: float
@@ -53,6 +54,7 @@ class Facets:
     along: float
     curvature: float
     area: float
+    coarseness: float
 
     @property
     def along_share(self) -> float:
@@ -71,7 +73,7 @@ def facets_of(surface: BodySurface, patches: FloatArray, above: float = -np.inf)
     corners, number = surface.corners, surface.number
     own = (corners[:, 0, 2] >= above) & ~_among(corners, patches)
     if not own.any():
-        return Facets(0.0, 0.0, 0.0, 0.0, 0.0)
+        return Facets(0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
     corners, number = corners[own], np.unique(number[own], return_inverse=True)[1].reshape(-1, 3)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals *= surface.sign[own, None]
@@ -90,6 +92,7 @@ def facets_of(surface: BodySurface, patches: FloatArray, above: float = -np.inf)
         along=along * mean / 24.0,
         curvature=turned,
         area=float(area.sum()),
+        coarseness=mean,
     )
 
 

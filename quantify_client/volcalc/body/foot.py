@@ -89,9 +89,7 @@ def find_foot(standing: Standing, body: Enclosed, hidden: float) -> Optional[Foo
     ----------
     hidden : volume below the lowest section, if the body is upright there, m3.
     """
-    if standing.pose is None or not len(standing.lid) or body.unseen is not None:
-        return None
-    if body.thin_walled or body.voids > 0:
+    if standing.pose is None or not len(standing.lid) or body.thin_walled or body.voids > 0:
         return None
     lowest, spacing = body.surface.lowest, body.spacing
     first = lowest + SOUND * spacing

@@ -13,7 +13,7 @@ Free space from lines of sight: Curless and Levoy 1996; Labatut, Pons and Kerive
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, List, Tuple
+from typing import Any, List, Optional, Tuple
 
 import numpy as np
 import numpy.typing as npt
@@ -118,30 +118,15 @@ def lowest_told(normals: FloatArray) -> float:
     return float(np.clip(90.0 - _GRAZING - most, 0.0, HIGHEST))
 
 
-@dataclass
 class _View:
     """The depth image of one camera.
 
-    ``shown`` are the points in the image, of ``size`` pixels. ``axes`` has its axes and the line of
-    sight as columns; ``corner`` is the number of its first pixel. Up to ``empty`` metres away there
-    is nothing in a pixel (-inf: nobody knows); ``beyond`` is True where it shows nothing at all.
+    ``shown`` are the points in the image. ``axes`` has its axes and the line of sight as columns;
+    ``corner`` is the number of its first pixel. Up to ``empty`` metres away there is nothing in a
+    pixel (-inf: nobody knows); ``beyond`` is True where it shows nothing at all.
     """
 
-    place: FloatArray
-    axes: FloatArray
-    pixel: float
-    corner: IntArray
-    pixels: IntArray
-    shown: npt.NDArray[np.bool_]
-    size: Tuple[int, ...]
-    depth: FloatArray
-    nearest: FloatArray
-    empty: FloatArray
-    beyond: npt.NDArray[np.bool_]
-
-    @classmethod
-    def of(cls, place: FloatArray, points: FloatArray, spacing: float) -> _View:
-        """Return what is seen of some points."""
+    def __init__(self, place: FloatArray, points: FloatArray, spacing: float) -> None:
         sight = 0.5 * (points.min(axis=0) + points.max(axis=0)) - place
         away = float(np.linalg.norm(sight))
         sight = sight / away
@@ -149,21 +134,17 @@ class _View:
         if np.linalg.norm(side) < 1e-6:
             side = np.array([1.0, 0.0, 0.0])
         side /= np.linalg.norm(side)
-        axes = np.column_stack([side, np.cross(sight, side), sight])
-        none = np.empty((0, 0))
-        view = cls(
-            place, axes, _PIXEL * spacing / away, np.zeros(2, dtype=np.int64),
-            np.empty(0, dtype=np.int64), np.empty(0, dtype=bool), (), np.empty(0), none, none,
-            none.astype(bool),
-        )  # fmt: skip
-        pixels, view.depth = view.project(points)
-        view.shown = (np.abs(pixels) < _WIDEST).all(axis=1)
-        inside = pixels[view.shown] if view.shown.any() else np.zeros((1, 2), dtype=np.int64)
-        view.corner = inside.min(axis=0) - 2
-        view.pixels = np.where(view.shown[:, None], pixels - view.corner, 0)
-        view.size = tuple((inside.max(axis=0) - view.corner + 3).tolist())
-        view.nearest = view.image(np.ones(len(points), dtype=bool))
-        return view
+        self.place, self.pixel = place, _PIXEL * spacing / away
+        self.axes = np.column_stack([side, np.cross(sight, side), sight])
+        pixels, self.depth = self.project(points)
+        self.shown = (np.abs(pixels) < _WIDEST).all(axis=1)
+        inside = pixels[self.shown] if self.shown.any() else np.zeros((1, 2), dtype=np.int64)
+        self.corner = inside.min(axis=0) - 2
+        self.size = tuple((inside.max(axis=0) - self.corner + 3).tolist())
+        self.pixels = np.where(self.shown[:, None], pixels - self.corner, 0)
+        self.nearest = self.image(self.shown)
+        self.beyond = ~np.isfinite(self.nearest)
+        self.empty = np.full(self.size, -np.inf)
 
     def project(self, points: FloatArray) -> Tuple[IntArray, FloatArray]:
         """Return pixels (N, 2), counted from the line of sight, and distances (N,)."""
@@ -174,27 +155,23 @@ class _View:
         return np.floor(pixels).astype(np.int64), depth
 
     def image(self, some: npt.NDArray[np.bool_]) -> FloatArray:
-        """Return the nearest of some of the points in each pixel, inf where there is none."""
+        """Return the nearest of some points in each pixel and those beside it, inf without any."""
         image = np.full(self.size, np.inf)
         some = some & self.shown
         np.minimum.at(image, tuple(self.pixels[some].T), self.depth[some])
-        return image
+        return np.asarray(minimum_filter(image, 3))
 
     def sees(self, cosine: FloatArray) -> npt.NDArray[np.bool_]:
         """(N,) True for points that nothing hides: a slant surface is deeper at one side."""
         slope = np.sqrt(np.maximum(1.0 - cosine**2, 0.0)) / np.maximum(np.abs(cosine), 0.05)
         reach = self.pixel * self.depth * np.minimum(0.5 + 2.0 * slope, 4.0)
-        nearest = minimum_filter(self.nearest, 3)[tuple(self.pixels.T)]
-        return np.asarray(self.shown & (self.depth <= nearest + reach))
+        return np.asarray(self.shown & (self.depth <= self.nearest[tuple(self.pixels.T)] + reach))
 
     def judge(self, seen: npt.NDArray[np.bool_], cosine: FloatArray, margin: float) -> None:
         """Find up to where each pixel is empty."""
-        front = minimum_filter(self.image(seen & (cosine > _FRONT)), 3)
-        behind = minimum_filter(self.image(seen & (cosine < -_BEHIND)), 3)
-        nearest = minimum_filter(self.nearest, 3)
+        front, behind = self.image(seen & (cosine > _FRONT)), self.image(seen & (cosine < -_BEHIND))
         told = np.isfinite(front) & (behind >= front)
-        self.empty = np.where(told, nearest - margin, -np.inf)
-        self.beyond = ~np.isfinite(nearest)
+        self.empty = np.where(told, self.nearest - margin, -np.inf)
 
     def shows_empty(self, points: FloatArray) -> Tuple[npt.NDArray[Any], npt.NDArray[Any]]:
         """Return which points lie before what is seen, and which where nothing is."""
@@ -226,28 +203,35 @@ class Views:
     fair: npt.NDArray[np.bool_]
 
     @classmethod
-    def of(cls, points: FloatArray, spacing: float, places: FloatArray) -> Views:
-        """Return what cameras at some places see of points (N, 3), metres."""
-        normals = _normals(points)
-        views = [_View.of(place, points, spacing) for place in places]
-        cosines, sees = [], []
-        for view in views:
-            cosines.append(((view.place - points) * normals).sum(axis=1) / view.depth)
-            sees.append(view.sees(cosines[-1]))
-        seen_by, cosine_to = np.array(sees), np.array(cosines)
+    def of(
+        cls,
+        points: FloatArray,
+        spacing: float,
+        places: FloatArray,
+        normals: Optional[FloatArray] = None,
+    ) -> Views:
+        """Return what cameras at some places see of points (N, 3), metres.
+
+        Parameters
+        ----------
+        normals : (N, 3) unit vectors, to either side, where they were found before.
+        """
+        if normals is None:
+            normals = _normals(points)
+        views = [_View(place, points, spacing) for place in places]
+        cosine = np.array([((v.place - points) * normals).sum(axis=1) / v.depth for v in views])
+        seen = np.array([view.sees(own) for view, own in zip(views, cosine)])
         fair = np.ones(len(views), dtype=bool)
         while True:
-            sign = np.where((seen_by[fair] * cosine_to[fair]).sum(axis=0) < 0, -1.0, 1.0)
-            behind = (seen_by & (sign * cosine_to < 0)).sum(axis=1)
-            into = fair & (behind > _INSIDE * seen_by.sum(axis=1))
+            sign = np.where((seen[fair] * cosine[fair]).sum(axis=0) < 0, -1.0, 1.0)
+            behind = (seen & (sign * cosine < 0)).sum(axis=1)
+            into = fair & (behind > _INSIDE * seen.sum(axis=1))
             if not into.any() or into[fair].all():
                 break
             fair &= ~into
-        for view, seen, cosine, looks_in in zip(views, sees, cosines, ~fair):
-            if not looks_in:
-                view.judge(seen, sign * cosine, _BEFORE * spacing)
-        views = [view for view, kept in zip(views, fair) if kept]
-        return cls(normals * sign[:, None], seen_by[fair].sum(axis=0), views, fair)
+        for number in np.flatnonzero(fair):
+            views[number].judge(seen[number], sign * cosine[number], _BEFORE * spacing)
+        return cls(normals * sign[:, None], seen[fair].sum(axis=0), views, fair)
 
     def empty(self, points: FloatArray, some: npt.NDArray[np.bool_]) -> Tuple[IntArray, IntArray]:
         """Return how many cameras see through points (N, 3) to something, and to nothing.
@@ -258,7 +242,7 @@ class Views:
         """
         before = np.zeros(len(points), dtype=np.int64)
         beyond = before.copy()
-        for view, asked in zip(self.views, some[self.fair]):
+        for view, asked in zip(self.views, some & self.fair):
             if asked:
                 one, other = view.shows_empty(points)
                 before += one
