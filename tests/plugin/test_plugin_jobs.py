@@ -302,7 +302,8 @@ def test_two_saves_at_once_keep_both_names(host):
     users = {row["id"]: row["user"] for row in host.owner.get(root).json}
     assert [users[saved] for saved in documents] == ["owner"] * 4
     with ThreadPoolExecutor(4) as pool:
-        list(pool.map(lambda job: host.owner.ask("DELETE", f"{root}/{job}"), documents))
+        answers = list(pool.map(lambda job: host.owner.ask("DELETE", f"{root}/{job}"), documents))
+    assert [answer.status for answer in answers] == [204] * 4
     assert host.owner.get(f"{API}/{task}/").json["lost"] is False
 
 

@@ -32,7 +32,7 @@ MIDDLEWARE = [
 AUTHENTICATION_BACKENDS = ["app.permissions.Backend"]
 DATABASES = {
     "default": {
-        "ENGINE": "django.db.backends.sqlite3",
+        "ENGINE": "webodm.database",
         "NAME": str(DATA / "db.sqlite3"),
         "OPTIONS": {"timeout": 20},
     }
