@@ -3,6 +3,7 @@
 import contextlib
 import importlib
 
+from django.db import transaction
 from django.db.models import F
 from django.http import HttpResponse
 from rest_framework import exceptions
@@ -168,12 +169,13 @@ class OneMeasurement(VolumeView):
         if not is_id(saved):
             raise exceptions.NotFound("there is no such measurement")
         plugin = plugin_here()
-        with _changing(task, saved) as path:
+        # Both or neither: a file that is gone and remembered would be called lost ever after.
+        with _changing(task, saved) as path, transaction.atomic():
+            database.forget(plugin, task, saved)
             try:
                 path.unlink()
             except FileNotFoundError:
                 raise exceptions.NotFound("there is no such measurement") from None
-            database.forget(plugin, task, saved)
         return HttpResponse(status=204)
 
 

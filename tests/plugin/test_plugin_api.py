@@ -1,10 +1,12 @@
 """The API as a browser uses it: measure, save, see, export, measure again."""
 
 import base64
+import contextlib
 import csv
 import io
 import json
 import re
+import sqlite3
 
 import pytest
 import shapely
@@ -313,6 +315,41 @@ def test_deleted_measurement_is_gone_and_not_called_lost(host):
     assert host.owner.ask("DELETE", one).status == 204
     assert host.owner.get(one).status == 404
     assert host.owner.ask("DELETE", one).status == 404
+    assert host.owner.get(f"{API}/{task}/").json["lost"] is False
+
+
+def test_measurement_is_deleted_and_forgotten_or_neither(host):
+    """Gone and remembered, it would be called lost; there and forgotten, it would be nobody's."""
+    task = host.tasks["Mine"]
+    kept = host.owner.saved(task)
+    root = f"{API}/{task}/measurements"
+    one = f"{root}/{kept['id']}"
+    file = host.assets("Mine") / "volcalc" / f"{kept['id']}.json"
+
+    def there():
+        rows = host.owner.get(root).json
+        return next(row["user"] for row in rows if row["id"] == kept["id"])
+
+    with contextlib.closing(sqlite3.connect(host.data / "db.sqlite3", timeout=20)) as database:
+        database.execute(
+            "CREATE TRIGGER unwritable BEFORE UPDATE ON app_plugindatum "
+            "BEGIN SELECT RAISE(ABORT, 'unwritable'); END"
+        )
+        try:
+            assert host.owner.ask("DELETE", one).status == 500
+        finally:
+            database.execute("DROP TRIGGER unwritable")
+    assert there() == "owner"
+    away = file.rename(host.data / "away")
+    (file / "no file").mkdir(parents=True)
+    try:
+        assert host.owner.ask("DELETE", one).status == 507
+    finally:
+        (file / "no file").rmdir()
+        file.rmdir()
+        away.rename(file)
+    assert there() == "owner"
+    assert host.owner.ask("DELETE", one).status == 204
     assert host.owner.get(f"{API}/{task}/").json["lost"] is False
 
 
