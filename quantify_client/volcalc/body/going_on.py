@@ -117,9 +117,10 @@ def _boundary(points: FloatArray, normals: FloatArray) -> Tuple[IntArray, FloatA
         free = np.diff(angle, axis=1)
     free[~np.isfinite(free)] = -np.inf
     widest = np.argmax(free, axis=1)
-    middle = angle[every, widest] + 0.5 * free[every, widest]
     on = np.flatnonzero((free[every, widest] > _FREE) & (count >= 4))
-    cos, sin = np.cos(middle[on])[:, None], np.sin(middle[on])[:, None]
+    # Of these only: a point without any neighbour on its plane has no angles, and no middle.
+    middle = angle[on, widest[on]] + 0.5 * free[on, widest[on]]
+    cos, sin = np.cos(middle)[:, None], np.sin(middle)[:, None]
     return on, cos * first[on] + sin * second[on]
 
 
