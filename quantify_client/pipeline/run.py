@@ -244,8 +244,8 @@ def _finished(
     return replace(measurement, provenance=provenance(source, options, started, seconds))
 
 
-# Imports in functions: reading scipy.stats, which only control needs, or what only terrain or only
-# bodies need takes as long as measuring a small cloud (benchmarks/startup.py).
+# Imports in functions: reading scipy.optimize, which only control needs, or what only terrain or
+# only bodies need takes as long as measuring a small cloud (benchmarks/startup.py).
 
 
 def _measured(

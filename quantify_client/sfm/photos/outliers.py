@@ -12,15 +12,15 @@ from typing import Iterator, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from .rays import Intersection, NoIntersectionError, Rays, intersect
 
 __all__ = ["Choice", "choose", "is_misfit", "pooled", "typical"]
 
-_SHARP = float(chi2.isf(1e-4, 2))
+_SHARP = float(chdtri(2, 1e-4))
 """Once in 10,000 the chi-square of good picks falls by more when one (two numbers) is removed."""
-_TELLS = float(chi2.isf(1e-2, 2))
+_TELLS = float(chdtri(2, 1e-2))
 """Two explanations nearer to each other than this cannot be told apart: likelihoods 1 to 100."""
 _CHANCE = 1e-3
 """A point misses by more than chance where it would do so once in 1,000."""
@@ -114,7 +114,7 @@ def _chi2(fit: Optional[Intersection], sigma: float) -> float:
 def typical(fits: Sequence[Optional[Intersection]], sigma: float) -> float:
     """Return the median of the points' chi-square per degree of freedom, which is robust."""
     ratios = sorted(
-        _chi2(fit, sigma) / float(chi2.median(fit.degrees_of_freedom))
+        _chi2(fit, sigma) / float(chdtri(fit.degrees_of_freedom, 0.5))
         for fit in fits
         if fit is not None
     )
@@ -123,7 +123,7 @@ def typical(fits: Sequence[Optional[Intersection]], sigma: float) -> float:
 
 def is_misfit(fit: Intersection, sigma: float, spread: float) -> bool:
     """Whether a point is missed by more than chance, given the spread of the others."""
-    return _chi2(fit, sigma) > float(chi2.isf(_CHANCE, fit.degrees_of_freedom)) * spread
+    return _chi2(fit, sigma) > float(chdtri(fit.degrees_of_freedom, _CHANCE)) * spread
 
 
 def pooled(fits: Mapping[str, Intersection], sigma: float) -> float:
