@@ -1,5 +1,6 @@
 """What all tests share: the same examples on every run, and a site to measure."""
 
+import gc
 import json
 import signal
 import zipfile
@@ -31,6 +32,11 @@ settings.load_profile("ci")
 def pytest_collection_modifyitems(items):
     """Begin with what takes long, so that the workers end together."""
     items.sort(key=lambda item: item.get_closest_marker("one_python") is None)
+
+
+def pytest_collection_finish():
+    """What thousands of tests are made of stays to the end: the collector need not look at it."""
+    gc.freeze()
 
 
 DOCUMENT = {
