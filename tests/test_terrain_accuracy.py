@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -173,9 +174,21 @@ def pile(tmp_path_factory):
     return write_las(path, points)
 
 
+@pytest.fixture(scope="module")
+def on_base(pile):
+    """Measure the pile on a base; each one once, whichever tests ask for it."""
+
+    @cache
+    def measured_on(base):
+        (result,) = measure(pile, area=PILE.area, base=base).results
+        return result
+
+    return measured_on
+
+
 @pytest.mark.parametrize("base", LEVELS)
-def test_level_bases_match_quadrature(pile, base):
-    (result,) = measure(pile, area=PILE.area, base=base).results
+def test_level_bases_match_quadrature(on_base, base):
+    result = on_base(base)
 
     def above(x, y):
         return PILE.height(x, y) - LEVELS[base]
@@ -191,8 +204,8 @@ def test_level_bases_match_quadrature(pile, base):
 
 
 @pytest.mark.parametrize("base", ["plane", "triangulate"])
-def test_bases_that_follow_the_tilt_give_the_pile(pile, base):
-    (result,) = measure(pile, area=PILE.area, base=base).results
+def test_bases_that_follow_the_tilt_give_the_pile(on_base, base):
+    result = on_base(base)
     assert result.volume_m3 == pytest.approx(PILE.volume, rel=0.01)
 
 
@@ -205,13 +218,13 @@ def test_an_outline_on_a_slope_cuts_cells_where_it_lies(tmp_path, seed):
     assert result.volume_m3 == pytest.approx(terrain.volume, rel=1e-3)
 
 
-def test_compare_is_the_single_runs_side_by_side(pile):
+def test_compare_is_the_single_runs_side_by_side(pile, on_base):
     (table,) = measure(pile, area=PILE.area, base="compare").results
     assert [row.base for row in table.bases] == [
         "kriged", "triangulate", "plane", "average", "lowest", "highest",
     ]  # fmt: skip
     for row in table.bases:
-        (alone,) = measure(pile, area=PILE.area, base=row.base).results
+        alone = on_base(row.base)
         for name in ("volume_m3", "cut_m3", "fill_m3", "std_m3", "slices", "warnings"):
             assert getattr(row, name) == getattr(alone, name), (row.base, name)
     assert table.volume_m3 == table.bases[0].volume_m3
@@ -234,8 +247,8 @@ def test_a_base_is_off_by_its_departure_from_the_predicted_ground(tmp_path):
     [{"slices": 1}, {"slices": 997}, {"slice_height": 0.37}, {"slice_height": 9.0}],
 )
 @pytest.mark.parametrize("base", [101.5])
-def test_any_number_of_slices_sums_to_the_same_net(pile, cutting, base):
-    (auto,) = measure(pile, area=PILE.area, base=base).results
+def test_any_number_of_slices_sums_to_the_same_net(pile, on_base, cutting, base):
+    auto = on_base(base)
     (result,) = measure(pile, area=PILE.area, base=base, **cutting).results
     assert result.volume_m3 == auto.volume_m3
     assert (result.cut_m3, result.fill_m3) == (auto.cut_m3, auto.fill_m3)
