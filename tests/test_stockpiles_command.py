@@ -95,6 +95,7 @@ def test_outlines_are_written_and_measured_again_edited_or_not(cloud, proposed, 
         measure(cloud, area=written)
 
 
+@pytest.mark.one_python
 def test_an_outline_is_known_no_better_when_it_is_measured_again(run, tmp_path):
     """Of two piles that touch the line between them is known to half a cell, in a file as well."""
     pair = (cone(6.0, 4.0, 12.0, 15.0), cone(6.0, 3.6, 21.0, 15.0))

@@ -72,6 +72,7 @@ def test_ground_that_changed_does_not_count():
     assert told.after_m == pytest.approx(0.02 * np.sqrt(2.0), rel=0.05)
 
 
+@pytest.mark.one_python
 def test_the_covariance_is_that_of_what_is_found():
     shift, errors = (0.4, -0.3, 0.1), []
     for seed in range(25):

@@ -107,6 +107,7 @@ def test_a_hole_of_a_fifth_is_inside_the_interval(body) -> None:
     assert result.std_m3 < 0.06 * made.volume
 
 
+@pytest.mark.one_python
 def test_a_ball_without_its_lowest_part_and_no_ground_is_bridged_as_it_curves() -> None:
     made = sphere()
     result = volume_of(scan(made, 15_000, 5, Flaws(missing=0.15)))

@@ -209,6 +209,7 @@ def test_objects_are_no_part_of_piles_that_have_to_be_higher():
 # --- invariants
 
 
+@pytest.mark.one_python
 @settings(max_examples=15)
 @given(st.integers(0, 3), st.tuples(st.integers(-20, 20), st.integers(-20, 20)))
 def test_turning_and_shifting_a_site_moves_its_proposals(quarters, shift):
