@@ -147,7 +147,7 @@ def test_scaling_where_surveys_are() -> None:
 
 
 def test_the_number_of_levels_hardly_matters() -> None:
-    sphere = scan(BODIES["sphere"](), 8_000, seed=1103)
+    sphere = scan(BODIES["sphere"](), 4_000, seed=1103)
     volumes = {n: volume_of(sphere, slices=n).volume_m3 for n in (10, 31, 100, 1000)}
     print(volumes)
     assert max(volumes.values()) / min(volumes.values()) - 1 < 0.003

@@ -27,8 +27,8 @@ BOX_AT = 179  # of a LAS header: max x, min x, max y, min y, max z, min z
 def ground_and_strays() -> np.ndarray:
     """A body on its ground with strays, in steps of a centimetre: many ties, some points twice."""
     flaws = Flaws(noise=0.003, outliers=0.01, ground=2.0)
-    points = scan(BODIES["four legs"](), 1500, seed=31, flaws=flaws)
-    return np.round(np.concatenate([points, points[:200]]), 2)
+    points = scan(BODIES["four legs"](), 800, seed=31, flaws=flaws)
+    return np.round(np.concatenate([points, points[:100]]), 2)
 
 
 def said(path: Path, method: str, threads: int = 1) -> Tuple[Any, ...]:
