@@ -13,7 +13,7 @@ from solids import sphere
 from quantify_client import measure
 from quantify_client.errors import QuantifyError
 
-POINTS = scan(sphere(), 3_000, 5, Flaws(missing=0.15))
+POINTS = scan(sphere(), 5_000, 5, Flaws(missing=0.15))
 MIDDLE = POINTS.mean(axis=0)
 AROUND = 2 * np.pi * np.arange(12) / 12
 RING = np.column_stack([4 * np.cos(AROUND), 4 * np.sin(AROUND), np.full(12, -0.2)]) + MIDDLE

@@ -60,7 +60,7 @@ def test_a_camera_sees_the_near_side_of_a_ball_and_the_space_before_it() -> None
     asked = np.array(
         [before_it, [0.5, -1.4, 0.3], [0, 0, 0], [0, 2, 0], beside_it, beyond_the_image]
     )
-    before, beyond = views.empty(asked.astype(float), np.array([True]))
+    before, beyond = views.empty(asked.astype(float), np.array([True]), 9)
     assert before.tolist() == [1, 1, 0, 0, 0, 0]
     assert beyond.tolist() == [0, 0, 0, 0, 1, 1]
 

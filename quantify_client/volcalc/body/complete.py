@@ -1,13 +1,12 @@
 """The body that a surface encloses of which a part was not seen.
 
-It is completed in two ways that disagree: the surface goes on as it curves before its openings, or
-half as much; and low places, from which more is seen to be empty, count or do not. The volume is
-the mean of both, and what they differ by tells how little is known.
+It is completed in two ways that disagree, as far as what was seen allows: in one a pressure blows
+the surface up where nobody saw it, in the other it sucks it in. The volume is the mean of both, and
+what they differ by tells how little is known.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import List, Optional, Tuple, Union
 
@@ -17,9 +16,9 @@ from scipy.spatial import cKDTree
 
 from ...types import FloatArray, IntArray
 from .cut import beside, face_costs, minimum_cut
-from .enclose import APART, Enclosed, Open, Unseen, enclosed_by
-from .estimate import closing_std, hidden_volume
-from .floor import Standing
+from .enclose import APART, Enclosed, Open, Unseen, enclosed_by, is_sheet
+from .estimate import hidden_volume
+from .floor import Standing, on_lowest_points
 from .foot import find_foot
 from .going_on import going_on, one_each
 from .heap import heap_share
@@ -40,15 +39,19 @@ _MOST_CAMERAS = 60
 #: A body was seen from below, too, where this share of its points is hidden from above.
 _UNDERSIDE = 0.1
 
-#: Shares of the curvature that goes on.
+#: Shares of the curvature that goes on: in the smaller completion and in the larger one.
 _CURVED = (1.0, 0.5)
+
+#: Pressure on surfaces that nobody saw, times the side of a cube as large as the box round all
+#: points: that of a film that spans openings like a sphere with that side for its radius.
+_PRESSURE = 2.0
 
 #: Distance of neighbours on a surface from the spacing to the sixth.
 _NEXT = 0.6
 
 #: Cost of a tetrahedron for each thing that tells of its being otherwise, in squares of a spacing:
 #: a camera that sees through it to something or to nothing, a point beside it. More than three
-#: count as three.
+#: cameras count as three.
 _SEEN_THROUGH = 3.0
 _SEEN_BEYOND = 1.0
 _BESIDE = 1.0
@@ -57,17 +60,16 @@ _ENOUGH = 3
 #: What so many cameras see through is not matter.
 _CERTAIN = 2
 
-_GHOST = 2  # kinds of points from which on surfaces are unseen
+_LID, _GHOST = 1, 2  # kinds of points: from ghosts on surfaces are unseen
 
-#: Standard deviation of the volume: shares of half of what the completions differ by, and, for what
-#: both of them miss, of the volume times the unseen share of the surface. Calibrated (method.md).
-_OF_SPREAD = 0.5
-_OF_SHARE = 0.14
+#: Standard deviation of the volume, as a share of what the completions differ by: 0.29 if it were
+#: anything between them, and nothing else. Calibrated (method.md).
+_OF_SPREAD = 0.45
 
-#: A surface is partly seen where lids over its openings may be off by more than this share of the
-#: volume, a larger share of it lies below what was seen, where no upright foot goes on, or a larger
-#: share of its points is outside of the body. All three are chosen.
-_OPEN = 0.001
+#: A surface is partly seen where a larger share of it is lids over openings, a larger share of the
+#: volume lies below what was seen, where no upright foot goes on, or a larger share of its points
+#: is outside of the body. All three are chosen.
+_OPEN = 0.01
 _BELOW = 0.005
 _OUTSIDE = 0.005
 
@@ -83,7 +85,7 @@ def is_partly_seen(standing: Standing, body: Union[Enclosed, Open]) -> bool:
     if heap_share(standing) is not None:
         return False
     apart = np.count_nonzero(body.apart < len(standing.points))
-    if closing_std(body) > _OPEN * body.within or apart > _OUTSIDE * len(standing.points):
+    if _lids(body) > _OPEN * body.surface.area() or apart > _OUTSIDE * len(standing.points):
         return True
     below = hidden_volume(standing, body)[0]
     foot = find_foot(standing, body, below)
@@ -91,34 +93,43 @@ def is_partly_seen(standing: Standing, body: Union[Enclosed, Open]) -> bool:
     return below > _BELOW * body.within and not upright
 
 
+def _lids(body: Enclosed) -> float:
+    """Return the area of the lids over a body's openings, square metres."""
+    a, b, c = body.patches.transpose(1, 0, 2)
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) / 2.0
+
+
 def complete(
-    standing: Standing, cameras: Optional[FloatArray]
+    standing: Standing, cameras: Optional[FloatArray], may_stand: bool
 ) -> Optional[Tuple[Standing, Enclosed]]:
     """Return the body that a partly seen surface encloses, which goes down to its ground.
 
-    None where it encloses nothing; and where nobody knows where cameras stood, there is no floor,
-    and no surface overhangs: what ends there stands on something.
+    Where nobody knows where cameras stood, there is no ground, and no surface overhangs, what ends
+    there stands on its lowest points.
 
     Parameters
     ----------
     cameras : (K, 3) upright, where they stood, metres; None where that is not known.
+    may_stand : without ground, it may stand on its lowest points; else None is returned there, as
+        it is where nothing is enclosed.
     """
     seen = np.vstack([standing.points, _near(standing.ground, standing.points)])
     spacing = float(np.median(spacings(standing.points)))
-    found = _views(standing, seen, spacing, cameras)
-    if found is None:
+    views, unsure, stands = _views(standing, seen, spacing, cameras)
+    if stands and not may_stand:
         return None
-    views, unsure = found
+    if stands:
+        standing = on_lowest_points(standing)
     which = _some(standing.points)
     points, normals = standing.points[which], views.normals[which]
     step = _NEXT * float(np.median(spacings(points)))
-    lid = np.empty((0, 3))
-    if standing.pose is not None:  # surfaces go on down to the ground
-        lid = one_each(standing.lid, step) * [1.0, 1.0, 0.0]
+    lid = one_each(standing.lid, step) if len(standing.lid) else np.empty((0, 3))
+    if standing.floor is not None:  # surfaces go on down to there
+        lid[:, 2] = 0.0 if standing.pose is not None else standing.floor.elevation
     known = views.seen[which] > 0
 
     def is_empty(some: FloatArray) -> npt.NDArray[np.bool_]:
-        before, beyond = views.empty(some, ~unsure)
+        before, beyond = views.empty(some, ~unsure, 1)
         return (before + beyond) > 0
 
     ghosts = [
@@ -129,12 +140,11 @@ def complete(
     sure, low = _seen_empty(space, len(points), views, unsure)
     bodies = _cuts(space, kind, sure, low, normals, known)
     volumes = np.array([float(space.volume[matter].sum()) for matter in bodies])
-    best = int(np.argmin(np.abs(volumes - volumes.mean())))
-    if volumes[best] <= 0.0:
+    if any(is_sheet(space, matter, step) for matter in bodies):
         return None
     empty = np.append(sure.sum(axis=0) > 0, False)
-    body = _enclosed(space, bodies[best], kind, volumes, empty)
-    body = replace(body, apart=_outside(space, bodies[best], standing.points, len(points)))
+    body = _enclosed(space, bodies[0], kind, volumes, empty)
+    body = replace(body, apart=_outside(space, bodies[0], standing.points, len(points)))
     return replace(standing, lid=np.empty((0, 3)), sure=0.0, unsure=0.0), body
 
 
@@ -154,7 +164,6 @@ def _enclosed(
     body = enclosed_by(space, spaces, hollow=False, empty=empty, real=kind == 0)
     own = float(space.volume[matter].sum())
     share = float(area[unseen].sum() / area.sum())
-    std = math.hypot(_OF_SPREAD * float(volumes.std()), _OF_SHARE * share * float(volumes.mean()))
     return replace(
         body,
         unseen=Unseen(
@@ -162,7 +171,7 @@ def _enclosed(
             low=float(volumes.min()),
             high=float(volumes.max()),
             shift=float(volumes.mean()) - own,
-            std=std,
+            std=_OF_SPREAD * float(np.ptp(volumes)),
         ),
     )
 
@@ -189,19 +198,18 @@ def _near(ground: FloatArray, points: FloatArray) -> FloatArray:
 
 def _views(
     standing: Standing, seen: FloatArray, spacing: float, cameras: Optional[FloatArray]
-) -> Optional[Tuple[Views, npt.NDArray[np.bool_]]]:
-    """Return what is seen, and which of the places are less sure; or None (see `complete`).
+) -> Tuple[Views, npt.NDArray[np.bool_], bool]:
+    """Return what is seen, which places are less sure, and whether the body stands on no ground.
 
     Without ground, a body whose underside is in the cloud was seen from below, too.
     """
-    count, below, normals = len(standing.points), False, None
+    count, below, normals, stands = len(standing.points), False, None, False
     if cameras is None:
         views = Views.of(seen, spacing, places_all_round(standing.points, below)[0])
         normals = views.normals
         below = standing.pose is None and bool(np.mean(views.seen[:count] == 0) > _UNDERSIDE)
         lowest = lowest_told(views.normals[:count])
-        if standing.pose is None and not below and lowest >= HIGHEST:
-            return None
+        stands = standing.pose is None and not below and lowest >= HIGHEST
     else:
         lowest = lowest_of(standing.points, cameras)
         some = np.linspace(0, len(cameras) - 1, min(len(cameras), _MOST_CAMERAS))
@@ -210,7 +218,7 @@ def _views(
     if cameras is not None:
         places = np.vstack([places, cameras])
         unsure = np.append(unsure, np.zeros(len(cameras), dtype=bool))
-    return Views.of(seen, spacing, places, normals), unsure
+    return Views.of(seen, spacing, places, normals), unsure, stands
 
 
 def _seen_empty(
@@ -223,10 +231,12 @@ def _seen_empty(
     (2, M) int64 each, to something and to nothing; 0 for the narrow ones, between points.
     """
     spacing = float(np.median(space.spacing[:count]))
-    wide = np.flatnonzero(space.widest()[:-1] > spacing)
-    middles = space.middles()[wide]
     sure, low = np.zeros((2, 2, space.around), dtype=np.int64)
-    sure[:, wide], low[:, wide] = (views.empty(middles, asked) for asked in (~unsure, unsure))
+    middles = space.middles()
+    wide = np.flatnonzero(space.widest()[:-1] > spacing)
+    sure[:, wide] = views.empty(middles[wide], ~unsure, _CERTAIN)
+    rest = wide[sure[0, wide] < _CERTAIN]
+    low[:, rest] = views.empty(middles[rest], unsure, _ENOUGH)
     return sure, low
 
 
@@ -240,22 +250,29 @@ def _cuts(
 ) -> List[npt.NDArray[np.bool_]]:
     """Return matter (M + 1,) in each of the completions.
 
-    The larger one takes what is seen from sure places only and surfaces that curve half as much.
+    The larger one takes what is seen from sure places only, surfaces that curve half as much and
+    the floor for the body's underside; the smaller one takes all places, and an underside wherever
+    it is smallest.
     """
     count = len(known)
     spacing = float(np.median(space.spacing[:count]))
     square = spacing**2
-    behind, before = beside(space, space.points[:count][known], normals[known], spacing)
-    as_outside = _BESIDE * square * np.minimum(behind, _ENOUGH)
+    behind, before = beside(space, np.flatnonzero(known), normals[known], spacing)
+    box = float(np.prod(np.ptp(space.points[:count], axis=0)))
+    pressed = _PRESSURE * space.volume[: space.around] / max(box, spacing**3) ** (1 / 3)
     result = []
-    for seen, other in ((sure, _GHOST), (sure + low, _GHOST + 1)):
+    for seen, dear, blown_up in ((sure, [_GHOST], True), (sure + low, [_LID, _GHOST + 1], False)):
+        as_outside = np.asarray(_BESIDE * square * np.minimum(behind, _ENOUGH))
         as_matter = square * (
             _SEEN_THROUGH * np.minimum(seen[0], _ENOUGH)
             + _SEEN_BEYOND * np.minimum(seen[1], _ENOUGH)
             + _BESIDE * np.minimum(before, _ENOUGH)
         )
+        told, pushed = (before, as_outside) if blown_up else (behind, as_matter)
+        nowhere = (seen.sum(axis=0) == 0) & (told == 0)
+        pushed[nowhere] += pressed[nowhere]
         as_matter[sure[0] >= _CERTAIN] = np.inf
-        costs = face_costs(space, kind == other)
+        costs = face_costs(space, np.isin(kind, dear))
         result.append(minimum_cut(space, costs, as_matter, as_outside, spacing))
     return result
 

@@ -57,14 +57,14 @@ def face_costs(space: Tetrahedra, dear: npt.NDArray[np.bool_]) -> FloatArray:
 
 
 def beside(
-    space: Tetrahedra, points: FloatArray, normals: FloatArray, spacing: float
+    space: Tetrahedra, which: IntArray, normals: FloatArray, spacing: float
 ) -> tuple[IntArray, IntArray]:
-    """(M,) how many points tell of matter, and of none, in each tetrahedron."""
-    tree, count = cKDTree(space.middles()), space.around
-    found = []
+    """(M,) how many points (K,) tell of matter, and of none, in each tetrahedron."""
+    points, found = space.points[which], []
     for way in (-normals, normals):
         step = np.minimum(_DEPTH * spacing, 0.5 * _room(points, normals, way))
-        found.append(np.bincount(tree.query(points + step[:, None] * way)[1], minlength=count))
+        number = space.holding(points + step[:, None] * way, which)
+        found.append(np.bincount(number, minlength=space.around + 1)[:-1])
     return found[0], found[1]
 
 

@@ -161,7 +161,7 @@ def _enclosed(
     body = _enclose(standing.points, standing.lid, recipe)
     if recipe.max_gap is None and not recipe.hollow and is_partly_seen(standing, body):
         cameras = None if recipe.cameras is None else standing.upright(local.apply(recipe.cameras))
-        standing, body = complete(standing, cameras) or (standing, body)
+        standing, body = complete(standing, cameras, floor == "auto") or (standing, body)
     if isinstance(body, Open) and not body.leaks and standing.pose is None and floor == "auto":
         standing = on_lowest_points(standing)
         body = _enclose(standing.points, standing.lid, recipe)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -24,6 +25,10 @@ _FEWEST = 5  # points; four span one tetrahedron, which has no inside to find
 
 #: Points whose smallest extent is a smaller share of their largest lie in one plane.
 _FLAT = 1e-6
+
+#: Steps of a walk to a point nearby, and how far beyond a face a point on it may be, by rounding.
+_MOST_STEPS = 100
+_WITHIN = 1e-9
 
 #: Corners of a tetrahedron that face 0, 1, 2 and 3 (opposite of that corner) has.
 _FACES = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
@@ -60,6 +65,7 @@ class Tetrahedra:
     second: IntArray
     faces: IntArray
     width: FloatArray
+    _delaunay: Any = field(default=None, repr=False)
 
     @property
     def around(self) -> int:
@@ -75,12 +81,44 @@ class Tetrahedra:
         """(M, 3) centroids of the tetrahedra, metres."""
         return np.asarray(self.points[self.corners].mean(axis=1))
 
+    def holding(self, points: FloatArray, near: IntArray) -> IntArray:
+        """(K,) the tetrahedron that each of (K, 3) points lies in, M for all space around.
+
+        A walk from one of the tetrahedra at a corner (K,) nearby, always through the face that the
+        point lies farthest beyond. After a hundred steps, which none needs that is near, it ends.
+        """
+        found = self._delaunay.vertex_to_simplex[near].astype(np.int64)
+        walking = np.arange(len(points))
+        for _ in range(_MOST_STEPS):
+            a, b, c, d = (
+                self.points[self.corners[found[walking], i]] - points[walking] for i in range(4)
+            )
+            # Volumes of the tetrahedra that the point makes with each face, and sum up to the own.
+            made = np.stack(
+                [_sixfold(b, d, c), _sixfold(a, c, d), _sixfold(a, d, b), _sixfold(a, b, c)]
+            )
+            own = made.sum(axis=0)
+            made *= np.where(own < 0.0, -1.0, 1.0)
+            face = np.argmin(made, axis=0)
+            on = made[face, np.arange(len(walking))] < -_WITHIN * np.abs(own)
+            walking, face = walking[on], face[on]
+            found[walking] = self._delaunay.neighbors[found[walking], face]
+            walking = walking[found[walking] >= 0]
+            if not len(walking):
+                break
+        return np.asarray(np.where(found < 0, self.around, found))
+
     def widest(self) -> FloatArray:
         """(M + 1,) width of the widest face of each tetrahedron, metres."""
         widest = np.zeros(len(self.volume))
         np.maximum.at(widest, self.first, self.width)
         np.maximum.at(widest, self.second, self.width)
         return widest
+
+
+def _sixfold(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
+    """(K,) six times the signed volumes of the tetrahedra between the origin and three corners."""
+    return np.asarray(np.einsum("ij,ij->i", a, np.cross(b, c)))
 
 
 def tetrahedralize(points: FloatArray) -> Tetrahedra:
@@ -102,7 +140,7 @@ def tetrahedralize(points: FloatArray) -> Tetrahedra:
     delaunay = Delaunay(points)
     corners = delaunay.simplices.astype(np.int64)
     a, b, c, d = (points[corners[:, i]] for i in range(4))
-    volume = np.abs(np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a))) / 6.0
+    volume = np.abs(_sixfold(b - a, c - a, d - a)) / 6.0
     first, second, faces, areas = _faces(points, corners, delaunay.neighbors.astype(np.int64))
     return Tetrahedra(
         points=points,
@@ -113,6 +151,7 @@ def tetrahedralize(points: FloatArray) -> Tetrahedra:
         second=second,
         faces=faces,
         width=_widths(points, faces, areas),
+        _delaunay=delaunay,
     )
 
 

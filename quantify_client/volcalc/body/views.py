@@ -233,20 +233,24 @@ class Views:
             views[number].judge(seen[number], sign * cosine[number], _BEFORE * spacing)
         return cls(normals * sign[:, None], seen[fair].sum(axis=0), views, fair)
 
-    def empty(self, points: FloatArray, some: npt.NDArray[np.bool_]) -> Tuple[IntArray, IntArray]:
+    def empty(
+        self, points: FloatArray, some: npt.NDArray[np.bool_], enough: int
+    ) -> Tuple[IntArray, IntArray]:
         """Return how many cameras see through points (N, 3) to something, and to nothing.
 
         Parameters
         ----------
         some : (K,) True for the cameras that are asked.
+        enough : no more are asked of a point that so many see through to something.
         """
-        before = np.zeros(len(points), dtype=np.int64)
-        beyond = before.copy()
+        before, beyond = np.zeros((2, len(points)), dtype=np.int64)
+        open_to = np.arange(len(points))
         for view, asked in zip(self.views, some & self.fair):
             if asked:
-                one, other = view.shows_empty(points)
-                before += one
-                beyond += other
+                one, other = view.shows_empty(points[open_to])
+                before[open_to] += one
+                beyond[open_to] += other
+                open_to = open_to[before[open_to] < enough]
         return before, beyond
 
 

@@ -112,8 +112,8 @@ def _completed(unseen: Unseen, gaps: Sequence[Gap], place: _Place) -> Notice:
     where = f" (the widest opening at {place(gaps[0])})" if gaps else ""
     return Notice(
         "surface-completed",
-        f"{unseen.share:.0%} of the surface was not seen{where}: it was completed in two ways, to "
-        f"{unseen.low:.4g} and {unseen.high:.4g} m3, and the mean counts; photograph these sides, "
+        f"{unseen.share:.0%} of the surface was not seen{where}: it may enclose "
+        f"{unseen.low:.4g} to {unseen.high:.4g} m3, and the mean counts; photograph these sides, "
         "too, for a smaller error",
         share=unseen.share,
         low_m3=unseen.low,
@@ -128,8 +128,8 @@ def _floor(standing: Standing, hidden: float, volume: float, advice: str) -> Ite
     if floor.found == "lowest points":
         yield Notice(
             "floor-at-lowest-points",
-            "the body is open below and the cloud holds no ground: the body was closed flat at its "
-            "lowest points; --floor Z sets another elevation",
+            "the body is open below and the cloud holds no ground: it was taken to stand level on "
+            "its lowest points; --floor Z sets another elevation",
             elevation_m=floor.elevation,
         )
     elif floor.found == "in the cloud":
