@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from ...types import FloatArray, IntArray
 from .cut import beside, face_costs, minimum_cut
-from .enclose import APART, Enclosed, Open, Unseen, enclosed_by, is_sheet
+from .enclose import APART, SHEET, Enclosed, Open, Unseen, enclosed_by
 from .estimate import hidden_volume
 from .floor import Standing, on_lowest_points
 from .foot import find_foot
@@ -24,7 +24,7 @@ from .going_on import going_on, one_each
 from .heap import heap_share
 from .spaces import Spaces, border_faces, gaps_of, open_faces
 from .spacing import spacings
-from .tetrahedra import Tetrahedra, tetrahedralize
+from .tetrahedra import Tetrahedra, connected, tetrahedralize
 from .views import HIGHEST, Views, lowest_of, lowest_told, places_all_round
 from .voxels import Thinned, thin
 
@@ -138,9 +138,10 @@ def complete(
     space = tetrahedralize(np.vstack([points, lid, *ghosts]))
     kind = np.repeat(np.arange(4), [len(points), len(lid), *map(len, ghosts)])
     sure, low = _seen_empty(space, len(points), views, unsure)
-    bodies = _cuts(space, kind, sure, low, normals, known)
+    cuts = _cuts(space, kind, sure, low, normals, known)
+    bodies = [_without_sheets(space, matter, step) for matter in cuts]
     volumes = np.array([float(space.volume[matter].sum()) for matter in bodies])
-    if any(is_sheet(space, matter, step) for matter in bodies):
+    if not all(matter.any() for matter in bodies):
         return None
     empty = np.append(sure.sum(axis=0) > 0, False)
     body = _enclosed(space, bodies[0], kind, volumes, empty)
@@ -275,6 +276,19 @@ def _cuts(
         costs = face_costs(space, np.isin(kind, dear))
         result.append(minimum_cut(space, costs, as_matter, as_outside, spacing))
     return result
+
+
+def _without_sheets(
+    space: Tetrahedra, matter: npt.NDArray[np.bool_], spacing: float
+) -> npt.NDArray[np.bool_]:
+    """Return matter (M + 1,) without parts as thin as the points of a single surface make them."""
+    first, second = matter[space.first], matter[space.second]
+    joined, border = first & second, np.flatnonzero(first != second)
+    part = connected(space.first[joined], space.second[joined], space.around + 1)
+    of = part[np.where(first, space.first, space.second)[border]]
+    area = np.bincount(of, space.face_areas(border), int(part.max()) + 1)
+    volume = np.bincount(part, np.where(matter, space.volume, 0.0))
+    return matter & (volume > SHEET * spacing * area / 2.0)[part]
 
 
 def _some(points: FloatArray) -> npt.NDArray[np.int64]:

@@ -15,7 +15,7 @@ from .sections import BodySurface, surface_of
 from .spaces import Spaces, border_faces, find_pockets, find_spaces, open_faces
 from .tetrahedra import Tetrahedra, connected, tetrahedralize
 
-__all__ = ["APART", "Enclosed", "Open", "Unseen", "enclose", "enclosed_by", "is_sheet"]
+__all__ = ["APART", "SHEET", "Enclosed", "Open", "Unseen", "enclose", "enclosed_by"]
 
 #: Hollows shallower than this many spacings are roughness.
 _SHALLOW = 4.0
@@ -28,7 +28,7 @@ _SKIN = 0.99
 APART = 3.0
 
 #: A sheet of points has less than this many spacings between its sides.
-_SHEET = 0.5
+SHEET = 0.5
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ def enclose(points: FloatArray, *, hollow: bool, max_gap: Optional[float]) -> Un
     thin_walled = not spaces.depth.any()
     if thin_walled:
         spaces = _walls(space, spaces.leaks)
-        if is_sheet(space, spaces.number > 0, spacing):
+        if _is_sheet(space, spaces.number > 0, spacing):
             return Open(spaces.leaks)
     return enclosed_by(space, spaces, hollow=hollow, thin_walled=thin_walled)
 
@@ -213,7 +213,7 @@ def _walls(space: Tetrahedra, leaks: Sequence[Gap]) -> Spaces:
     return Spaces(number, np.array([0, 1]), (), np.empty(0, dtype=np.int64), leaks)
 
 
-def is_sheet(space: Tetrahedra, matter: npt.NDArray[np.bool_], spacing: float) -> bool:
+def _is_sheet(space: Tetrahedra, matter: npt.NDArray[np.bool_], spacing: float) -> bool:
     """Whether matter is as thin as the points of a single surface make it."""
     area = float(space.face_areas(border_faces(space, matter)).sum())
-    return float(space.volume[matter].sum()) < _SHEET * spacing * area / 2.0
+    return float(space.volume[matter].sum()) < SHEET * spacing * area / 2.0
