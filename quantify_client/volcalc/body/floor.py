@@ -24,6 +24,7 @@ __all__ = [
     "FloorPlane",
     "Pose",
     "Standing",
+    "columns",
     "find_plane",
     "is_ground",
     "lid",
@@ -84,6 +85,7 @@ class Standing:
     counts : (N,) int64, points of the cloud in each.
     outliers, ground : (S, 3) and (G, 3) float64, points left out, upright.
     outlier_count, ground_count : points of the cloud in these.
+    ground_counts : (G,) int64, points of the cloud in each of the ground's.
     pose : how the points were made upright, None where they were left as they are.
     floor : None where the body stands on none.
     lid : (K, 3) float64, points that close the body at its foot; empty where it was not closed.
@@ -97,6 +99,7 @@ class Standing:
     ground: FloatArray
     outlier_count: int
     ground_count: int
+    ground_counts: IntArray
     pose: Optional[Pose] = None
     floor: Optional[Floor] = None
     lid: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
@@ -121,6 +124,7 @@ class Standing:
             ground=points[ground],
             outlier_count=int(counts[rest].sum()),
             ground_count=int(counts[ground].sum()),
+            ground_counts=counts[ground],
             **more,
         )
 
@@ -157,12 +161,12 @@ def stand(points: FloatArray, counts: IntArray, floor: Union[str, float]) -> Sta
     """
     clean = ~is_outlier(points)
     without_floor = Standing.of(points, counts, clean, np.zeros(len(points), dtype=bool))
-    plane, found = _plane(points[clean], floor)
+    plane, found = _plane(points[clean], counts[clean], floor)
     if plane is None:
         return without_floor
     pose = Pose.on(plane, points)
     turned = pose.apply(points)
-    ground = turned[:, 2] <= plane.reach
+    ground = _on_ground(turned, counts, plane.reach, float(np.median(spacings(points[clean]))))
     body = ~ground & clean
     if np.count_nonzero(body) < _FEWEST:
         if floor == "auto":
@@ -189,7 +193,9 @@ def on_lowest_points(standing: Standing) -> Standing:
     return replace(closed, unsure=foot - lowest_point + below)
 
 
-def _plane(points: FloatArray, floor: Union[str, float]) -> Tuple[Optional[FloorPlane], str]:
+def _plane(
+    points: FloatArray, counts: IntArray, floor: Union[str, float]
+) -> Tuple[Optional[FloorPlane], str]:
     """Return the floor's plane and how it was found."""
     if floor == "none" or len(points) < _FEWEST:
         return None, ""
@@ -197,7 +203,7 @@ def _plane(points: FloatArray, floor: Union[str, float]) -> Tuple[Optional[Floor
     if not isinstance(floor, str):
         return FloorPlane(np.array([0.0, 0.0, 1.0]), float(floor), _GIVEN_REACH * spacing), "given"
     plane = find_plane(points, spacing, _STEEPEST if floor == "auto" else 180.0)
-    if floor == "auto" and plane is not None and not is_ground(points, plane, spacing):
+    if floor == "auto" and plane is not None and not is_ground(points, plane, spacing, counts):
         plane = None
     if floor == "plane" and plane is None:
         raise InputError(
@@ -270,10 +276,46 @@ def _refined(points: FloatArray, on: FloatArray, spacing: float) -> Optional[Flo
     return FloorPlane(normal, float(middle @ normal), reach)
 
 
-def is_ground(points: FloatArray, plane: FloorPlane, spacing: float) -> bool:
-    """Whether much of a supporting plane lies beside what stands on it."""
+def columns(points: FloatArray, side: float) -> IntArray:
+    """(N,) number of the square of some side, seen from above, that each point lies in."""
+    place = np.floor((points[:, :2] - points[:, :2].min(axis=0)) / side).astype(np.int64)
+    return np.asarray(np.unique(place, axis=0, return_inverse=True)[1].ravel())
+
+
+def _on_ground(
+    turned: FloatArray, counts: IntArray, reach: float, spacing: float
+) -> npt.NDArray[np.bool_]:
+    """(N,) True for upright points no higher than the ground reaches.
+
+    Means of voxels above most of a ground's noise hold few of its points each and lie farther from
+    it than the others: those that hold less than half of the mean of their column, within a spacing
+    of the plane, are ground where all of the column is on average.
+    """
+    ground = np.asarray(turned[:, 2] <= reach)
+    near = np.abs(turned[:, 2]) <= spacing
+    if counts.max(initial=1) == 1 or not near.any():
+        return ground
+    column, held = columns(turned[near], spacing), counts[near]
+    total = np.bincount(column, held)
+    few = held < 0.5 * (total / np.bincount(column))[column]
+    mean = np.bincount(column, held * turned[near, 2]) / total
+    ground[near] |= few & (mean[column] <= reach)
+    return ground
+
+
+def is_ground(
+    points: FloatArray, plane: FloorPlane, spacing: float, counts: Optional[IntArray] = None
+) -> bool:
+    """Whether much of a supporting plane lies beside what stands on it.
+
+    Parameters
+    ----------
+    counts : (N,) points of the cloud in each point; None for one.
+    """
     turned = Pose.on(plane, points).apply(points)
     on = np.abs(turned[:, 2]) <= plane.reach
+    each = np.ones(len(points), dtype=np.int64) if counts is None else counts
+    above = ~_on_ground(turned, each, plane.reach, spacing)
     cell = 3.0 * spacing
     place = np.floor((turned[:, :2] - turned[:, :2].min(axis=0)) / cell).astype(np.int64) + 1
     # Few cells even where the ground is vast: coarser ones then.
@@ -281,7 +323,7 @@ def is_ground(points: FloatArray, plane: FloorPlane, spacing: float) -> bool:
     shape = tuple(place.max(axis=0) + 2)
     ground, body = np.zeros(shape, dtype=bool), np.zeros(shape, dtype=bool)
     ground[tuple(place[on].T)] = True
-    body[tuple(place[turned[:, 2] > plane.reach].T)] = True
+    body[tuple(place[above].T)] = True
     beside = ground & ~binary_dilation(body)
     return bool(beside.sum() > _BESIDE * max(ground.sum(), 1))
 
