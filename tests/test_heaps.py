@@ -13,6 +13,7 @@ from quantify_client.volcalc.body.foot import Foot
 from quantify_client.volcalc.body.heap import seen_from_above
 
 from clouds import write_ply  # isort: skip
+from mounds import KINDS, OFFSET, random_heap, sampled  # isort: skip
 
 # Arithmetic of arrays: no different on a second Python.
 pytestmark = pytest.mark.one_python
@@ -104,6 +105,83 @@ def test_a_heap_measured_as_a_body_is_right_as_well(form, tmp_path):
     assert low < truth < high
     assert result.volume_m3 == pytest.approx(truth, rel=0.01)
     assert sum(piece.volume_m3 for piece in result.slices) == pytest.approx(result.volume_m3)
+
+
+def as_body(points, folder, **options):
+    path = write_ply(folder / "heap.ply", points)
+    return quantify_client.measure(path, source_unit="m", shape="object", **options).results[0]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_random_heaps_are_right_as_bodies(kind, tmp_path):
+    z = []
+    for seed in range(60_000, 60_006):
+        rng = np.random.default_rng(seed)
+        form = random_heap(rng, kind)
+        result = as_body(sampled(form, rng, 20_000)[0], tmp_path)
+        assert result.volume_m3 == pytest.approx(form.volume, rel=0.01)
+        assert result.max_height_m == pytest.approx(form.top, rel=0.15)
+        parts = [piece.volume_m3 for piece in result.slices]
+        assert math.fsum(parts) == pytest.approx(result.volume_m3)
+        assert {item.source for item in result.budget} > {"outline", "sampling", "base"}
+        z.append((result.volume_m3 - form.volume) / result.std_m3)
+    assert max(map(abs, z)) < 3.0
+    assert np.sqrt(np.mean(np.square(z))) < 1.6
+
+
+def test_the_slices_of_a_heap_are_its_layers(tmp_path):
+    # A cone: what lies above a level is a smaller one.
+    result = as_body(heap(40_000, 20, 10, 1.5, 0.0), tmp_path, slices=10)
+    edges = np.linspace(0.0, 1.0, 11)
+    layers = -np.diff(math.pi * 10**2 * 1.5 / 3.0 * (1.0 - edges) ** 3)
+    found = [piece.volume_m3 for piece in result.slices]
+    assert found == pytest.approx(layers, abs=0.004 * layers.sum())
+    # What is no higher than the ground's reach is no surface of the heap.
+    assert result.surface_area_m2 == pytest.approx(math.pi * 10 * math.hypot(10, 1.5), rel=0.05)
+
+
+def test_a_heap_at_the_border_of_the_cloud_counts_up_to_there(tmp_path):
+    points = heap(30_000, 20, 10, 2.0, 0.01)
+    result = as_body(points[points[:, 1] > 0.0], tmp_path)
+    truth = math.pi * 10**2 * 2.0 / 6.0
+    assert result.volume_m3 == pytest.approx(truth, rel=0.01)
+
+
+def test_uneven_ground_is_in_the_interval(tmp_path):
+    z = []
+    for seed in range(8):
+        points = heap(10_000, 20, 10, 2.0, 0.0, seed)
+        turn = np.random.default_rng(seed).uniform(0.0, 2.0 * math.pi, (2, 2))
+        for axis, (one, other) in enumerate(turn):
+            # Waves as long as the floor and longer ones.
+            points[:, 2] += 0.02 * np.sin(points[:, axis] / 6.0 + one)
+            points[:, 2] += 0.05 * np.sin(points[:, axis] / 12.0 + other)
+        result = as_body(points, tmp_path)
+        z.append((result.volume_m3 - math.pi * 10**2 * 2.0 / 3.0) / result.std_m3)
+    assert np.sqrt(np.mean(np.square(z))) < 1.5
+
+
+def test_the_crater_of_a_hollow_heap_is_no_part_of_it(tmp_path):
+    rng = np.random.default_rng(5)
+    x, y = rng.uniform(-20.0, 20.0, (2, 50_000))
+    away = np.hypot(x, y)
+    # A ring 3 m high whose crest is 8 m from the middle, 4 m wide to either side.
+    points = np.column_stack([x, y, 3.0 * np.maximum(0.0, 1.0 - np.abs(away - 8.0) / 4.0)])
+    ring = 2.0 * math.pi * 8.0 * 4.0 * 3.0
+    result = as_body(points, tmp_path, hollow=True)
+    assert result.volume_m3 == pytest.approx(ring, rel=0.003)
+
+
+@pytest.mark.parametrize("turned", [0.0, 5.0])
+def test_ground_whose_noise_lies_in_two_layers_of_voxels_is_found(turned, tmp_path):
+    angle = math.radians(turned)
+    cos, sin = math.cos(angle), math.sin(angle)
+    tilt = np.array([[1.0, 0.0, 0.0], [0.0, cos, -sin], [0.0, sin, cos]])
+    points = heap(800_000, 16, 10, 2.0, 0.02) @ tilt.T + OFFSET
+    result = as_body(points, tmp_path)
+    assert result.volume_m3 == pytest.approx(math.pi * 10**2 * 2.0 / 3.0, rel=0.002)
+    path = tmp_path / "heap.ply"
+    assert quantify_client.describe(path, source_unit="m")["shape"] == "terrain"
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.01])

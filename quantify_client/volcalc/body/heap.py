@@ -7,7 +7,7 @@ from typing import Optional
 
 import numpy as np
 
-from .floor import Standing
+from .floor import Standing, columns
 from .spacing import spacings
 
 __all__ = ["HeapFoundError", "heap_share", "seen_from_above"]
@@ -50,9 +50,7 @@ def seen_from_above(standing: Standing) -> Optional[float]:
     if standing.pose is None or len(points) < 2 or not standing.ground_count:
         return None
     side = _SIDE * float(np.median(spacings(points)))
-    place = np.floor((points[:, :2] - points[:, :2].min(axis=0)) / side).astype(np.int64)
-    _, square = np.unique(place, axis=0, return_inverse=True)
-    square = square.ravel()
+    square = columns(points, side)
     top = np.full(int(square.max()) + 1, -np.inf)
     np.maximum.at(top, square, points[:, 2])
     # Across the diagonal of a square, a slope may rise by this much.

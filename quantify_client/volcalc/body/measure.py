@@ -13,6 +13,7 @@ import numpy.typing as npt
 from ...errors import InputError
 from ...types import AreaResult, Body, BudgetItem, Check, FloatArray, Floor, Gap, Slice
 from ..body_slices import CONVERGENCE, TERRAIN_ONLY, BodyRecipe, slab_edges, slices_of
+from .above_ground import AboveGround, above_ground
 from .complete import complete, is_partly_seen
 from .enclose import Enclosed, Open, enclose
 from .estimate import RESAMPLED, Estimate, closing_std, estimate, hidden_volume, is_same_body
@@ -34,6 +35,9 @@ _FEWEST_AGAIN = 100  # points that a body is found by again
 
 #: A skin that is a larger share of the body is rough with noise.
 _ROUGH = 0.01
+
+#: A smaller share of the volume is what rounding leaves.
+_ROUNDED = 1e-9
 
 #: Margin of the check by cells, as shares of its own correction (known to 0.07: RMS over the bodies
 #: of tests/solids.py, see docs/method.md) and of half the skin.
@@ -66,25 +70,17 @@ def measure_body(
             f"{len(cloud.points)} points: a volume needs at least {_FEWEST}; give the whole cloud"
         )
     local = _LocalFrame.of(cloud, recipe.ground_factor)
-    standing, body = _enclosed(local, cloud, recipe, unless_heap)
-    unseen, hidden_std = hidden_volume(standing, body)
+    standing, body, heap = _enclosed(local, cloud, recipe, unless_heap)
+    unseen, unseen_std = hidden_volume(standing, body)
     foot = find_foot(standing, body, unseen)
-    found = _estimate(standing, body, recipe, foot)
-    hidden = unseen
-    if foot is not None:
-        hidden, hidden_std = foot.volume, math.hypot(hidden_std, foot.std)
-    budget = (
-        BudgetItem("outline", found.outline_std),
-        BudgetItem("sampling", found.sampling_std),
-        BudgetItem("slicing", 0.0),
-        BudgetItem("coverage", math.hypot(hidden_std, closing_std(body))),
-    )
-    shift = 0.0 if body.unseen is None else body.unseen.shift
-    found = replace(found, volume=found.volume + shift)
-    volume, std = found.volume + hidden, math.hypot(*(item.std_m3 for item in budget))
+    if heap is not None:
+        within, hidden, budget = _parts_of_heap(heap)
+    else:
+        within, hidden, budget = _parts(standing, body, recipe, foot, (unseen, unseen_std))
+    volume, std = within + hidden, math.hypot(*(item.std_m3 for item in budget))
     _require_room(standing, volume - 1.96 * std)
     zero = local.elevation_of_zero(standing)
-    below = _volume_below(standing, body, found.volume, hidden, foot)
+    below = _volume_below(standing, body, within, hidden, foot)
     edges, place = _edges(standing, body, recipe), partial(local.place, standing)
     below_edges = below(edges)
     below_edges[0] = 0.0  # but for points that were joggled, nothing lies below the lowest
@@ -102,11 +98,50 @@ def measure_body(
         points_left_out={"ground": standing.ground_count, "outliers": standing.outlier_count},
         slice_height_m=float(edges[1] - edges[0]),
         slices=_slices(standing, edges, np.diff(below_edges), zero),
-        checks=_checks(standing, body, hidden, foot),
+        checks=() if heap is not None else _checks(standing, body, hidden, foot),
         warnings=tuple(body_warnings(cloud, standing, body, unseen, volume, place, recipe)),
         body=_drawn(local, standing, body, edges, volume),
         **TERRAIN_ONLY,
     )
+
+
+def _parts(
+    standing: Standing,
+    body: Enclosed,
+    recipe: BodyRecipe,
+    foot: Optional[Foot],
+    unseen: Tuple[float, float],
+) -> Tuple[float, float, Tuple[BudgetItem, ...]]:
+    """Return the volume within the surface above a foot, what is below it, m3, and the budget.
+
+    Parameters
+    ----------
+    unseen : volume below the lowest section and its standard deviation, m3.
+    """
+    found = _estimate(standing, body, recipe, foot)
+    hidden, hidden_std = unseen
+    if foot is not None:
+        hidden, hidden_std = foot.volume, math.hypot(hidden_std, foot.std)
+    budget = (
+        BudgetItem("outline", found.outline_std),
+        BudgetItem("sampling", found.sampling_std),
+        BudgetItem("slicing", 0.0),
+        BudgetItem("coverage", math.hypot(hidden_std, closing_std(body))),
+    )
+    shift = 0.0 if body.unseen is None else body.unseen.shift
+    return found.volume + shift, hidden, budget
+
+
+def _parts_of_heap(heap: AboveGround) -> Tuple[float, float, Tuple[BudgetItem, ...]]:
+    """Return the same of a heap."""
+    budget = (
+        BudgetItem("outline", heap.outline_std),
+        BudgetItem("sampling", heap.sampling_std),
+        BudgetItem("base", heap.base_std),
+        BudgetItem("slicing", 0.0),
+        BudgetItem("coverage", closing_std(heap.body)),
+    )
+    return heap.body.within, heap.rest, budget
 
 
 def floor_and_heap(cloud: Thinned) -> Tuple[Optional[Floor], bool]:
@@ -149,16 +184,23 @@ class _LocalFrame:
 
 def _enclosed(
     local: _LocalFrame, cloud: Thinned, recipe: BodyRecipe, unless_heap: bool
-) -> Tuple[Standing, Enclosed]:
-    """Return the upright points and their body, closed at its lowest points if open below."""
+) -> Tuple[Standing, Enclosed, Optional[AboveGround]]:
+    """Return the upright points and their body, closed at its lowest points if open below.
+
+    The third is the heap that they are, if any.
+    """
     floor = recipe.floor
     if not isinstance(floor, str):
         floor = float(floor) - float(local.origin[2])
     standing = stand(local.apply(cloud.points), cloud.counts, floor)
-    share = heap_share(standing) if unless_heap else None
-    if share is not None:
+    share = heap_share(standing)
+    if unless_heap and share is not None:
         raise HeapFoundError(share)
     body = _enclose(standing.points, standing.lid, recipe)
+    heap = None if share is None else _heap(standing, body, recipe)
+    if heap is not None:
+        floor_in_frame = local.in_frame(heap.standing.floor)
+        return replace(heap.standing, floor=floor_in_frame), heap.body, heap
     if recipe.max_gap is None and not recipe.hollow and is_partly_seen(standing, body):
         cameras = None if recipe.cameras is None else standing.upright(local.apply(recipe.cameras))
         standing, body = complete(standing, cameras, floor == "auto") or (standing, body)
@@ -167,7 +209,21 @@ def _enclosed(
         body = _enclose(standing.points, standing.lid, recipe)
     if isinstance(body, Open):
         raise InputError(why_open(body.leaks, partial(local.place, standing)))
-    return replace(standing, floor=local.in_frame(standing.floor)), body
+    return replace(standing, floor=local.in_frame(standing.floor)), body, None
+
+
+def _heap(
+    standing: Standing, body: Union[Enclosed, Open], recipe: BodyRecipe
+) -> Optional[AboveGround]:
+    """Return a heap as what is above its ground, unless that is not what was asked for.
+
+    A floor that was given need not be where the ground is; a crater that holds water is solid.
+    """
+    if recipe.floor not in ("auto", "plane") or recipe.max_gap is not None:
+        return None
+    if isinstance(body, Enclosed) and body.water > _ROUNDED * body.within:
+        return None
+    return above_ground(standing)
 
 
 def _enclose(points: FloatArray, lid: FloatArray, recipe: BodyRecipe) -> Union[Enclosed, Open]:
@@ -257,8 +313,8 @@ def _volume_below(
 ) -> Callable[[FloatArray], FloatArray]:
     """Return the function that gives the volume below levels.
 
-    Corrections are shared by volume. What is hidden is spread evenly between floor and foot, or is
-    the foot itself.
+    Corrections are shared by volume. What is hidden is spread evenly between floor and foot (some
+    of a heap's may be negative), or is the foot itself.
     """
     gap = standing.sure + standing.unsure
     top = -math.inf if foot is None else foot.top
@@ -269,7 +325,7 @@ def _volume_below(
         within = (body.surface.volume_below(np.maximum(levels, top)) - start) * scale
         if foot is not None:
             return np.asarray(within + foot.below(levels))
-        spread = hidden * np.clip(levels, 0.0, gap) / gap if hidden > 0.0 else 0.0
+        spread = hidden * np.clip(levels, 0.0, gap) / gap if gap > 0.0 else 0.0
         return np.asarray(within + spread)
 
     return below

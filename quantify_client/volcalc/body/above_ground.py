@@ -1,0 +1,248 @@
+"""The volume of a heap: the integral of its heights above the ground around it.
+
+A heap is seen from above as a whole. Its heights, and those of the ground, are interpolated in the
+triangles of all points, so that flanks count down to where they meet the ground, within its noise,
+too. Flat triangles cut off what bulges and fill what is hollow. Of a heap on level ground both are
+the same on the whole: the integral of the Laplacian of its heights is their slope along a line
+around it (divergence theorem), which is none. So nothing is corrected.
+
+The ground is a plane through the points that are clear of the foot: those nearer belong to flanks
+within the noise and would lift it. How well it is known under the heap is told by leaving out one
+of eight sectors after the other, whose ground may be uneven (jackknife, Efron and Tibshirani 1993,
+equation 11.5), and by what a surface of second degree would make of the volume: its square, less
+its own variance by the jackknife.
+
+How far a point lies off the plane through its neighbours in the triangulation tells noise and shape
+together. A point of noise s adds w^2 s^2 to the variance, w being a third of the area of the
+triangles that meet in it. What shape adds falls with the number of points n as n^-5/2 where heights
+have a crease: some n^1/2 triangles, each wrong by n^-3/2. One point more takes away 5/2 n of that,
+which is its squared share, so that the variance is 2/5 of the sum of all squared shares.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import List, Optional, Tuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import Delaunay, cKDTree
+
+from ...types import FloatArray, IntArray
+from .enclose import Enclosed
+from .floor import Standing, columns
+from .sections import BodySurface
+from .spaces import OPEN
+from .spacing import spacings
+
+__all__ = ["AboveGround", "above_ground"]
+
+#: Ground is clear of what stands on it beyond this many spacings, and this many times the width of
+#: the part of a mean flank that lies within the ground's noise.
+_CLEAR = 3.0
+_FLANKS = 2.0
+
+#: Sectors of the ground around, and how many of them must hold a few points for a plane.
+_SECTORS = 8
+_FEWEST_SECTORS = 5
+_FEWEST = 5
+
+_PLANE = 3  # terms of a plane
+
+#: Share of the squares of the points' shares that is the variance: see above.
+_OF_SHAPE = 0.4
+
+#: Neighbours span a plane where their determinant is a larger share of the most that it could be.
+_IN_LINE = 1e-9
+
+#: Standard deviations in the median of the size of a normal deviate.
+_MEDIAN = 0.6745
+
+
+@dataclass(frozen=True)
+class AboveGround:
+    """A heap on its ground.
+
+    Attributes
+    ----------
+    standing : the heap without a lid; what is not in the body lies evenly in ``sure`` of height.
+    body : what lies above the ground in triangles with a point of the heap.
+    rest : volume beside these, and of what lies below the ground, which counts negative, m3.
+    outline_std, sampling_std, base_std : from noise, from gaps between points, from the ground's
+        plane, m3.
+    """
+
+    standing: Standing
+    body: Enclosed
+    rest: float
+    outline_std: float
+    sampling_std: float
+    base_std: float
+
+
+def above_ground(standing: Standing) -> Optional[AboveGround]:
+    """Return the volume of a heap above its ground; None where too little ground is around it."""
+    everything = np.vstack([standing.points, standing.ground])
+    spacing = float(np.median(spacings(everything)))
+    points, counts, of_heap = _merged(standing, everything, spacing)
+    tin = Delaunay(points[:, :2])
+    triangles = _turned_left(points, tin.simplices)
+    area = _areas(points, triangles)
+    away = cKDTree(points[of_heap, :2]).query(points[:, :2])[0]
+    covered = float(area[of_heap[triangles].all(axis=1)].sum())
+    highest = float(standing.points[:, 2].max())
+    flank = standing.sure * math.sqrt(covered / math.pi) / highest
+    beside = away > _CLEAR * spacing + _FLANKS * flank
+    inside = ~beside[triangles].all(axis=1)
+    weight = np.bincount(triangles[inside].ravel(), np.repeat(area[inside] / 3.0, 3), len(points))
+    ground = _ground(points, counts, beside, weight, standing.points[:, :2].mean(axis=0))
+    if ground is None:
+        return None
+    height, base_std = ground
+    noise, shape = _errors(points, height, tin, weight)
+    own = of_heap[triangles].any(axis=1)
+    found = np.column_stack([points[:, :2], height])
+    body = _body(found, triangles[own], spacing, noise * float(area[own].sum()))
+    return AboveGround(
+        standing=replace(standing, lid=np.empty((0, 3)), unsure=0.0),
+        body=body,
+        rest=float(weight @ height) - body.within,
+        outline_std=noise * float(np.linalg.norm(weight)),
+        sampling_std=shape,
+        base_std=base_std,
+    )
+
+
+def _merged(
+    standing: Standing, points: FloatArray, spacing: float
+) -> Tuple[FloatArray, IntArray, npt.NDArray[np.bool_]]:
+    """Return points, how many of the cloud each is, and which belong to the heap.
+
+    Means of voxels may lie above each other in noise, of very unequal numbers of points: those in
+    squares of a spacing become one.
+    """
+    counts = np.concatenate([standing.counts, standing.ground_counts])
+    of_heap = np.arange(len(points)) < len(standing.points)
+    if counts.max() == 1:
+        return points, counts, of_heap
+    column = columns(points, spacing)
+    held = np.bincount(column, counts).astype(np.int64)
+    sums = [np.bincount(column, counts * axis) for axis in points.T]
+    return np.column_stack(sums) / held[:, None], held, np.bincount(column, of_heap) > 0
+
+
+def _ground(
+    points: FloatArray,
+    counts: IntArray,
+    beside: npt.NDArray[np.bool_],
+    weight: FloatArray,
+    middle: FloatArray,
+) -> Optional[Tuple[FloatArray, float]]:
+    """Return heights above the plane through the ground beside, and what it is known to, m3."""
+    x, y = (points[:, :2] - middle).T
+    unit = float(np.hypot(x, y).max())
+    x, y = x / unit, y / unit
+    terms = np.column_stack([np.ones(len(points)), x, y, x * x, x * y, y * y])
+    sector = np.floor((np.arctan2(y, x) / (2.0 * math.pi) + 0.5) * _SECTORS).astype(np.int64)
+    held = np.bincount(sector[beside], minlength=_SECTORS)[:_SECTORS]
+    full = np.flatnonzero(held >= _FEWEST).tolist()
+    if len(full) < _FEWEST_SECTORS:
+        return None
+    root, sums = np.sqrt(counts), weight @ terms
+
+    def fitted(some: npt.NDArray[np.bool_], order: int) -> FloatArray:
+        left = terms[some, :order] * root[some, None]
+        return np.asarray(np.linalg.lstsq(left, points[some, 2] * root[some], rcond=None)[0])
+
+    def below(some: npt.NDArray[np.bool_]) -> FloatArray:
+        """(2,) volume under the plane, and how much more a surface of second degree has."""
+        plane = float(sums[:_PLANE] @ fitted(some, _PLANE))
+        return np.array([plane, float(sums @ fitted(some, len(sums))) - plane])
+
+    without = np.array([below(beside & (sector != number)) for number in full])
+    variance, of_bend = (len(full) - 1.0) * without.var(axis=0)
+    bend = float(below(beside)[1])
+    std = math.sqrt(variance + max(0.0, bend**2 - of_bend))
+    return points[:, 2] - terms[:, :_PLANE] @ fitted(beside, _PLANE), std
+
+
+def _errors(
+    points: FloatArray, height: FloatArray, tin: Delaunay, weight: FloatArray
+) -> Tuple[float, float]:
+    """Return the noise of heights, m, and the standard deviation from their shape, m3."""
+    off = _off_neighbours(points, height, tin)
+    noise = float(np.median(np.abs(off))) / _MEDIAN
+    shape = _OF_SHAPE * float(weight**2 @ (off**2 - noise**2))
+    return noise, math.sqrt(max(0.0, shape))
+
+
+def _off_neighbours(points: FloatArray, height: FloatArray, tin: Delaunay) -> FloatArray:
+    """(N,) heights above the plane through the neighbours, with the variance of one point."""
+    start, neighbour = tin.vertex_neighbor_vertices
+    point = np.repeat(np.arange(len(points)), np.diff(start))
+    away = points[neighbour, :2] - points[point, :2]
+    terms = np.column_stack([np.ones(len(point)), away])
+    normal, right = np.empty((len(points), 3, 3)), np.empty((len(points), 3))
+    for i in range(3):
+        right[:, i] = np.bincount(point, terms[:, i] * height[neighbour], len(points))
+        for j in range(3):
+            normal[:, i, j] = np.bincount(point, terms[:, i] * terms[:, j], len(points))
+    # Neighbours in a line, and points that are no corner, have no plane: they tell nothing.
+    diagonal = np.prod(np.diagonal(normal, axis1=1, axis2=2), axis=1)
+    told = np.linalg.det(normal) > _IN_LINE * diagonal
+    normal[~told] = np.eye(3)
+    inverse = np.linalg.inv(normal)
+    plane = (inverse[:, 0] * right).sum(axis=1)
+    return np.where(told, (height - plane) / np.sqrt(1.0 + np.maximum(inverse[:, 0, 0], 0.0)), 0.0)
+
+
+def _body(points: FloatArray, triangles: IntArray, spacing: float, skin: float) -> Enclosed:
+    """Return what lies between triangles and the ground, with upright walls along their border."""
+    sides = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2)
+    key = np.sort(sides, axis=1) @ np.array([len(points), 1])
+    _, first, times = np.unique(key, return_index=True, return_counts=True)
+    start, end = sides[first[times == 1]].T
+    below = points * [1.0, 1.0, 0.0] - [0.0, 0.0, spacing + abs(float(points[:, 2].min()))]
+    start_below, end_below = start + len(points), end + len(points)
+    walls: List[IntArray] = [
+        np.column_stack([start_below, end_below, end]),
+        np.column_stack([start_below, end, start]),
+    ]
+    surface = BodySurface.of(
+        np.vstack([points, below]), np.concatenate([triangles, *walls]), bottom=0.0
+    )
+    corners = points[triangles]
+    longest = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(axis=1)
+    return Enclosed(
+        surface=surface,
+        within=surface.volume(),
+        outer=skin,
+        inner=skin,
+        spacing=spacing,
+        water=0.0,
+        voids=0.0,
+        narrow=0.0,
+        gaps=(),
+        patches=corners[longest > OPEN * spacing],
+        leaks=(),
+        thin_walled=False,
+        apart=np.empty(0, dtype=np.int64),
+    )
+
+
+def _turned_left(points: FloatArray, triangles: IntArray) -> IntArray:
+    """(T, 3) triangles whose corners turn left seen from above."""
+    a, b, c = (points[triangles[:, i], :2] for i in range(3))
+    left = _cross(b - a, c - a) > 0.0
+    return np.asarray(np.where(left[:, None], triangles, triangles[:, ::-1])).astype(np.int64)
+
+
+def _areas(points: FloatArray, triangles: IntArray) -> FloatArray:
+    """(T,) areas seen from above, m2."""
+    a, b, c = (points[triangles[:, i], :2] for i in range(3))
+    return np.asarray(0.5 * _cross(b - a, c - a))
+
+
+def _cross(one: FloatArray, other: FloatArray) -> FloatArray:
+    return np.asarray(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0])
