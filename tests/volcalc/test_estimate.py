@@ -42,10 +42,13 @@ def test_a_skin_that_is_thicker_outside_gives_volume_back() -> None:
     assert found.outline_std > 0.1
 
 
-def test_thin_walls_are_not_corrected_and_widely_uncertain() -> None:
+def test_thin_walls_hold_too_much_by_how_deep_their_points_are_buried() -> None:
     found = estimate(replace(BODY, inner=60.0, thin_walled=True), None, 1)
     assert found.volume == 99.0
-    assert found.outline_std > 5.0
+    assert found.outline_std == pytest.approx(0.6)
+    found = estimate(replace(BODY, inner=60.0, thin_walled=True, buried=10.0), None, 1)
+    assert found.volume == pytest.approx(99.0 - 8.5)
+    assert found.outline_std == pytest.approx(np.hypot(1.5, 0.6))
 
 
 def test_other_walls_tell_nothing() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Optional, Sequence, Union
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from ...types import FloatArray, Gap, IntArray
+from .buried import depths
 from .hollows import water_levels
 from .sections import BodySurface, surface_of
 from .spaces import Spaces, border_faces, find_pockets, find_spaces, open_faces
@@ -71,6 +72,8 @@ class Enclosed:
     thin_walled : the walls are so thin that their two sides were taken as one.
     apart : (K,) int64, the points that lie outside of the body, farther than noise explains.
     unseen : of a body that was completed; else None.
+    buried : of thin walls, mean depth of their points below the surface times its area, cubic
+        metres.
     """
 
     surface: BodySurface
@@ -87,6 +90,7 @@ class Enclosed:
     thin_walled: bool
     apart: IntArray
     unseen: Optional[Unseen] = None
+    buried: float = 0.0
 
     @property
     def skin(self) -> float:
@@ -123,7 +127,8 @@ def enclose(points: FloatArray, *, hollow: bool, max_gap: Optional[float]) -> Un
         spaces = _walls(space, spaces.leaks)
         if _is_sheet(space, spaces.number > 0, spacing):
             return Open(spaces.leaks)
-    return enclosed_by(space, spaces, hollow=hollow, thin_walled=thin_walled)
+    body = enclosed_by(space, spaces, hollow=hollow, thin_walled=thin_walled)
+    return replace(body, buried=_buried(space, spaces, body)) if thin_walled else body
 
 
 def enclosed_by(
@@ -211,6 +216,16 @@ def _walls(space: Tetrahedra, leaks: Sequence[Gap]) -> Spaces:
     part = connected(space.first[wide], space.second[wide], space.around + 1)
     number = (part != part[-1]).astype(np.int64)
     return Spaces(number, np.array([0, 1]), (), np.empty(0, dtype=np.int64), leaks)
+
+
+def _buried(space: Tetrahedra, spaces: Spaces, body: Enclosed) -> float:
+    """Return how deep the surface of thin walls buries their points, times its area, m3."""
+    walls = spaces.number > 0
+    points = space.points[np.unique(space.corners[walls[:-1]])]
+    depth = depths(points, surface_of(space, np.where(walls, np.inf, -np.inf)))
+    if body.water > 0.0:  # sides of walls below water are no surface of the body
+        depth = depth[depths(points, body.surface) <= depth + 1e-9 * body.spacing]
+    return float(depth.mean()) * body.surface.area() if len(depth) else 0.0
 
 
 def _is_sheet(space: Tetrahedra, matter: npt.NDArray[np.bool_], spacing: float) -> bool:
