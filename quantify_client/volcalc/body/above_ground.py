@@ -35,6 +35,7 @@ from .floor import Standing, columns
 from .sections import BodySurface
 from .spaces import OPEN
 from .spacing import spacings
+from .tetrahedra import connected
 
 __all__ = ["AboveGround", "above_ground"]
 
@@ -42,6 +43,10 @@ __all__ = ["AboveGround", "above_ground"]
 #: the part of a mean flank that lies within the ground's noise.
 _CLEAR = 3.0
 _FLANKS = 2.0
+
+#: Ground on which a larger share of the points above it is elsewhere is no even floor: as what
+#: points outside of a body are told from.
+_ELSEWHERE = 0.005
 
 #: Sectors of the ground around, and how many of them must hold a few points for a plane.
 _SECTORS = 8
@@ -82,11 +87,16 @@ class AboveGround:
 
 
 def above_ground(standing: Standing) -> Optional[AboveGround]:
-    """Return the volume of a heap above its ground; None where too little ground is around it."""
+    """Return the volume of a heap above its ground.
+
+    None where too little ground is around it, or that is no even floor: other things stand on it.
+    """
     everything = np.vstack([standing.points, standing.ground])
     spacing = float(np.median(spacings(everything)))
     points, counts, of_heap = _merged(standing, everything, spacing)
     tin = Delaunay(points[:, :2])
+    if _elsewhere(tin, counts, of_heap) > _ELSEWHERE:
+        return None
     triangles = _turned_left(points, tin.simplices)
     area = _areas(points, triangles)
     away = cKDTree(points[of_heap, :2]).query(points[:, :2])[0]
@@ -112,6 +122,16 @@ def above_ground(standing: Standing) -> Optional[AboveGround]:
         sampling_std=shape,
         base_std=base_std,
     )
+
+
+def _elsewhere(tin: Delaunay, counts: IntArray, of_heap: npt.NDArray[np.bool_]) -> float:
+    """Return the share of the points above the ground that hang together with the heap nowhere."""
+    start, neighbour = tin.vertex_neighbor_vertices
+    point = np.repeat(np.arange(len(counts)), np.diff(start))
+    both = of_heap[point] & of_heap[neighbour]
+    part = connected(point[both], neighbour[both].astype(np.int64), len(counts))[of_heap]
+    held = np.bincount(part, counts[of_heap])
+    return 1.0 - float(held.max() / held.sum())
 
 
 def _merged(
