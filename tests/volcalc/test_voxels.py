@@ -106,7 +106,7 @@ def test_any_chunks_in_any_order_give_the_same_bits(most):
     points = cloud(1500)
     whole = accumulated([points]).thinned(most)
     assert whole.counts.sum() == 1500
-    assert len(whole.points) <= most
+    assert len(whole.points) < 2 * most
     rng = np.random.default_rng(1)
     for size in (1, 7, 997):
         mixed = points[rng.permutation(len(points))] if size > 1 else points[::-1]
@@ -180,6 +180,16 @@ def test_thinning_keeps_the_number_and_the_middle_of_the_points(count, most, see
     # Each point lies in the same cube as some centroid.
     away = np.abs(points[:, None] - found.points[None]).max(axis=2).min(axis=1)
     assert away.max() <= found.edge * (1 + 1e-9)
+
+
+def test_fewer_than_two_points_to_a_cube_are_not_merged():
+    points = cloud(1500)
+    whole, found = accumulated([points]).thinned(800), accumulated([points]).thinned(700)
+    assert len(whole.points) > 1490 and whole.merged is None
+    assert len(found.points) <= 700
+    assert 0.0 < found.merged.scatter < found.edge**2 / 3.0
+    assert found.merged.share == len(found.points) / len(whole.points)
+    assert 0.4 < found.merged.nearness < 1.0
 
 
 def test_thinning_leaves_most_of_what_may_be_left():

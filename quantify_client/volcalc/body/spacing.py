@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from ...types import FloatArray
 
-__all__ = ["is_outlier", "spacings"]
+__all__ = ["is_outlier", "nearness", "spacings"]
 
 #: Far enough that two points by chance together do not matter, near enough to be local.
 _NEIGHBOUR = 6
@@ -29,6 +29,17 @@ def spacings(points: FloatArray) -> FloatArray:
     nth = min(_NEIGHBOUR + 1, len(points))
     away: FloatArray = cKDTree(points).query(points, [nth])[0][:, 0]
     return away
+
+
+def nearness(points: FloatArray) -> float:
+    """Return the mean ratio of the nearest to the second nearest distance: how even points are.
+
+    2/3 at random, 1 on a grid.
+    """
+    if len(points) < 3:
+        return 1.0
+    nearest, second = cKDTree(points).query(points, [2, 3])[0].T
+    return float(np.mean(nearest / np.maximum(second, np.finfo(float).tiny)))
 
 
 def is_outlier(points: FloatArray) -> npt.NDArray[np.bool_]:

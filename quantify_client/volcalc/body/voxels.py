@@ -9,14 +9,15 @@ corners whole multiples of them, so that a header's box a little wider or narrow
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Tuple
+from dataclasses import dataclass, replace
+from typing import Optional, Tuple
 
 import numpy as np
 
 from ...types import FloatArray, IntArray
+from .spacing import nearness
 
-__all__ = ["MOST_POINTS", "Thinned", "VoxelAccumulator", "thin"]
+__all__ = ["MOST_POINTS", "Merged", "Thinned", "VoxelAccumulator", "thin"]
 
 _KEY_BITS = 20  # of a cube's number along one axis, at first
 _FINER_BITS = 10  # of a point's place within such a cube
@@ -32,6 +33,27 @@ _MOST_STREAMING = 400_000
 #: Points that the answer needs: the surface is then known to some hundredths of a percent.
 MOST_POINTS = 60_000
 
+#: Not merged are fewer than this many times as many: cubes of one point here and two there say more
+#: of how points lie to cubes than of the surface, and hide where points lie along edges.
+_FEWEST_MERGED = 2
+
+
+@dataclass(frozen=True)
+class Merged:
+    """How points were spread that centroids are the means of.
+
+    Attributes
+    ----------
+    scatter : mean over centroids of the mean square distance of their points from them, m2; no
+        more than twice what points at random in the cubes have, as noise has more.
+    share : of centroids among the points.
+    nearness : of the points, from `spacing.nearness`.
+    """
+
+    scatter: float
+    share: float
+    nearness: float
+
 
 @dataclass(frozen=True)
 class Thinned:
@@ -40,6 +62,7 @@ class Thinned:
     points: FloatArray
     counts: IntArray
     edge: float
+    merged: Optional[Merged] = None
 
 
 def _merged(cubes: IntArray) -> IntArray:
@@ -126,7 +149,10 @@ class VoxelAccumulator:
         return int(self._cubes[:, 1].sum())
 
     def thinned(self, most: int = MOST_POINTS) -> Thinned:
-        """Return centroids in an order that depends on the points only: by z, y and x."""
+        """Return centroids in an order that depends on the points only: by z, y and x.
+
+        There are `most`, somewhat fewer, or up to twice as many where there were no more.
+        """
         counts, sums = self._cubes[:, 1], self._cubes[:, 2:]
         held = counts[:, None]
         # Rounded to whole steps, as the points were, so that the corner does not matter.
@@ -134,14 +160,17 @@ class VoxelAccumulator:
         order = np.lexsort(steps.T)
         middles = (steps[order] + 0.5) / self._fine + self._low
         edge = self.grain if self._level else 0.0
-        return thin(Thinned(middles, counts[order], edge), most)
+        fine = Thinned(middles, counts[order], edge)
+        return fine if len(middles) < _FEWEST_MERGED * most else thin(fine, most)
 
 
 def thin(fine: Thinned, most: int) -> Thinned:
     """Return centroids of larger cubes, of which there are `most` or somewhat fewer."""
+    if len(fine.points) <= most:
+        return fine
     edge, result = fine.edge, fine
-    low = fine.points.min(axis=0) if len(fine.points) else np.zeros(3)
-    size = float(np.ptp(fine.points, axis=0).max()) if len(fine.points) else 0.0
+    low = fine.points.min(axis=0)
+    size = float(np.ptp(fine.points, axis=0).max())
     while len(result.points) > most:
         # On a surface the number of cubes falls with the square of their size.
         grown = max(1.02, (len(result.points) / most) ** 0.5 * 0.98)
@@ -154,4 +183,16 @@ def thin(fine: Thinned, most: int) -> Thinned:
         weighted = (fine.points - low) * fine.counts[:, None]
         sums = np.add.reduceat(weighted[order], start, axis=0)
         result = Thinned(sums / counts[:, None] + low, counts, edge)
-    return result
+        held = np.diff(start, append=len(order))
+    return replace(result, merged=_merged_of(fine, order, held, result))
+
+
+def _merged_of(fine: Thinned, order: IntArray, held: IntArray, result: Thinned) -> Merged:
+    """Return how finer centroids, held by each cube in an order, are spread round its own."""
+    away = fine.points[order] - np.repeat(result.points, held, axis=0)
+    start = np.cumsum(held) - held
+    scatter = float(np.mean(np.add.reduceat((away**2).sum(axis=1), start) / held))
+    # Over the middle of a square, of points at random: edge^2 / 6, less what their mean has.
+    at_random = float(np.mean(result.edge**2 / 6.0 * (1.0 - 1.0 / held)))
+    share = len(result.points) / len(fine.points)
+    return Merged(min(scatter, 2.0 * at_random), share, nearness(fine.points))
