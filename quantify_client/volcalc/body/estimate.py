@@ -16,8 +16,13 @@ sides, as far as both are as uneven. That of evenly spaced points lacks none. No
 the correction is no more than the square of its thickness and the mean curvature allow. At random
 it moves the volume the less the more points there are.
 
+How much facets cut off is known for points at random and for even ones, each to a few percent.
+Vertices of marching cubes and scan lines are neither: how far points are from both tells how wrong
+the facets may be.
+
 Two more parts were not seen at all: what lies below the lowest section (`hidden_volume`) and what
-bulged behind a closed opening (`closing_std`).
+bulged behind a closed opening (`closing_std`). An opening hardly wider than the gaps between points
+is one of these: the surface goes on over it as it does beside it.
 """
 
 from __future__ import annotations
@@ -27,12 +32,14 @@ from dataclasses import dataclass
 from typing import Optional, Tuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from ...types import FloatArray
 from .enclose import Enclosed
-from .facets import facets_of
+from .facets import Facets, facets_of
 from .floor import Standing
+from .spaces import OPEN
+from .spacing import nearness
+from .voxels import Merged
 
 __all__ = ["RESAMPLED", "Estimate", "closing_std", "estimate", "hidden_volume", "is_same_body"]
 
@@ -57,28 +64,42 @@ _FACETS_OF_MIDDLE = 0.75
 #: random: of points thinned by voxels or to a least distance, and less only with noise.
 _EVEN = 1.55
 
-#: Nearest by second nearest distance, on average: of means of voxels, of points thinned to a least
-#: distance (2/3 at random, 1 on a grid).
-_OF_VOXELS = 0.835
-_OF_LEAST_DISTANCE = 0.92
+#: Nearest by second nearest distance, on average: of means of voxels no more than the first, of
+#: points thinned to a least distance at least the second (2/3 at random, 1 on a grid).
+_OF_VOXELS = 0.87
+_OF_LEAST_DISTANCE = 0.9
+
+#: The same of points at random (a little more than 2/3) and, at least, of means of voxels, where
+#: nothing else tells how even they are.
+_AT_RANDOM = 0.7
+_OF_FEWEST_MEANS = 0.8
+
+#: Openings no wider than this many spacings are gaps between points: faces are open from 3 on.
+_GAP = 2.0 * OPEN
 
 #: What means of voxels lie too deep by, as a share of the facets.
 _TOO_DEEP = 0.5
 
 #: Standard deviations, as shares of the facets: always; times the mean spacing by the radius of
 #: curvature; of the difference between the two ways to find them, of what was taken for edges with
-#: points along them, of what voxels' means lie too deep by.
-_OF_FACETS = 0.04
-_OF_CURVATURE = 0.4
-_OF_DIFFERENCE = 0.4
-_OF_EDGES = 0.3
-_OF_DEPTH = 0.3
+#: points along them, of what voxels' means lie too deep by; where points are neither at random nor
+#: even. Most likely values for errors of bodies of known volume, rounded (docs/method.md).
+_OF_FACETS = 0.018
+_OF_CURVATURE = 0.2
+_OF_DIFFERENCE = 0.14
+_OF_EDGES = 0.055
+_OF_DEPTH = 0.07
+_OF_NEITHER = 1.1
+
+#: Most that e (1 - e)^2 is between points at random, 0, and even ones, 1.
+_MOST_NEITHER = 4.0 / 27.0
 
 #: As shares of the correction for noise, of half the skin over the root of the number of points,
-#: and of half the skin where it holds noise of which voxels' means were taken, or thin walls.
+#: of half the skin beyond what clean edges make of it (about what facets cut off) where noise is in
+#: means of voxels, and of half the skin of thin walls.
 _OF_NOISE = 0.2
 _OF_SKIN = 1.6
-_OF_MEANS = 0.15
+_OF_MEANS = 0.2
 _OF_THIN_WALLS = 0.01
 
 #: What the surface of thin walls holds too much, as a share of how deep it buries its points: all
@@ -112,7 +133,11 @@ def is_same_body(body: Enclosed, again: Enclosed) -> bool:
 
 
 def estimate(
-    body: Enclosed, again: Optional[Enclosed], every: int, above: float = -math.inf
+    body: Enclosed,
+    again: Optional[Enclosed],
+    every: int,
+    above: float = -math.inf,
+    merged: Optional[Merged] = None,
 ) -> Estimate:
     """Return the volume, corrected for facets and noise.
 
@@ -120,46 +145,33 @@ def estimate(
     ----------
     again : the body found from every ``every``-th point; None where that is another one.
     above : height above which the surface is that between points.
+    merged : what the points were means of, where they were thinned here.
     """
-    bulge = 0.5 * (body.outer - body.inner)
     if body.thin_walled:
         return _of_thin_walls(body)
-    found = facets_of(body.surface, body.patches, above)
+    found = facets_of(body.surface, _lids(body), above)
     kept = 0.5 * (found.local + found.whole) * (1.0 - found.along_share)
-    even = 0.0
-    if again is None:
-        of_middle = _FACETS_OF_MIDDLE * max(0.0, kept)
-    else:
-        coarser = facets_of(again.surface, again.patches, above).coarseness
-        ratio = max(float(every), coarser / found.coarseness)
-        even = min(1.0, (ratio / every - 1.0) / (_EVEN - 1.0))
-        less = bulge - 0.5 * (again.outer - again.inner)
-        of_middle = (1.0 - even) * less / (ratio - 1.0)
     points = _points(body)
-    means = even * _of_voxels(points)
-    depth = _TOO_DEEP * means * kept
-    noise = _NOISE * max(0.0, bulge + of_middle)
-    if found.area > 0.0:
-        thickness = body.skin / found.area
-        noise = min(noise, _MOST_NOISE * thickness**2 * max(0.0, found.curvature))
-    curved = (
-        abs(found.curvature)
-        * math.sqrt(found.coarseness)
-        / max(found.area, float(np.finfo(float).tiny))
-    )
+    pattern = _Pattern.of(found, again, every, above, nearness(points))
+    deep = _TOO_DEEP * pattern.means if merged is None else _depth_of(merged, found)
+    either = _TOO_DEEP * pattern.either if merged is None else 0.0
+    noise = _noise(body, again, found, kept, pattern)
+    side = math.sqrt(found.coarseness / 3.0)
+    area = max(found.area, float(np.finfo(float).tiny))
     return Estimate(
-        volume=body.within + kept + depth + noise,
+        volume=body.within + kept + deep * kept + noise,
         sampling_std=math.hypot(
             _OF_FACETS * kept,
-            _OF_CURVATURE * curved * kept,
-            _OF_DIFFERENCE * (found.local - found.whole),
+            _OF_CURVATURE * abs(found.curvature) * side / area * kept,
+            _OF_DIFFERENCE * (1.0 + pattern.even) * (found.local - found.whole),
             _OF_EDGES * found.along_share * found.whole,
-            _OF_DEPTH * depth,
+            math.hypot(_OF_DEPTH * deep, either) * kept,
+            _OF_NEITHER * pattern.neither * kept,
         ),
         outline_std=math.hypot(
             _OF_NOISE * noise,
             _OF_SKIN * body.skin / math.sqrt(max(1, len(points))),
-            _OF_MEANS * means * body.skin,
+            _OF_MEANS * pattern.means * max(0.0, body.skin - kept),
         ),
     )
 
@@ -173,20 +185,84 @@ def _of_thin_walls(body: Enclosed) -> Estimate:
     return Estimate(body.within - _OF_BURIED * body.buried, 0.0, std)
 
 
+@dataclass(frozen=True)
+class _Pattern:
+    """How the points of a surface lie.
+
+    Attributes
+    ----------
+    ratio : how much coarser the triangles of some of the points are, at least as at random.
+    even : from 0, at random, to 1, evenly spaced.
+    neither : how little even and random points tell of these.
+    of_voxels : from 0, a least distance apart, to 1, means of voxels.
+    """
+
+    ratio: float
+    even: float
+    neither: float
+    of_voxels: float
+
+    @classmethod
+    def of(
+        cls, found: Facets, again: Optional[Enclosed], every: int, above: float, nearest: float
+    ) -> _Pattern:
+        """Return the pattern of all points, from their triangles and from those of some."""
+        if again is None:
+            return cls(math.inf, 0.0, _MOST_NEITHER, 0.0)
+        ratio = facets_of(again.surface, _lids(again), above).coarseness / found.coarseness
+        even = min(1.0, (ratio / every - 1.0) / (_EVEN - 1.0))
+        neither = min(_MOST_NEITHER, abs(even) * (1.0 - even) ** 2)
+        return cls(max(float(every), ratio), max(0.0, even), neither, _of_voxels(nearest))
+
+    @property
+    def means(self) -> float:
+        """Whether points are means of voxels, 0 to 1."""
+        return self.even * self.of_voxels
+
+    @property
+    def either(self) -> float:
+        """Standard deviation of whether they are."""
+        return self.even * math.sqrt(self.of_voxels * (1.0 - self.of_voxels))
+
+
+def _noise(
+    body: Enclosed, again: Optional[Enclosed], found: Facets, kept: float, pattern: _Pattern
+) -> float:
+    """Return what noise moved the surface inwards by, m3."""
+    bulge = 0.5 * (body.outer - body.inner)
+    if again is None:
+        of_middle = _FACETS_OF_MIDDLE * max(0.0, kept)
+    else:
+        less = bulge - 0.5 * (again.outer - again.inner)
+        of_middle = (1.0 - pattern.even) * less / (pattern.ratio - 1.0)
+    noise = _NOISE * max(0.0, bulge + of_middle)
+    if found.area <= 0.0:
+        return noise
+    thickness = body.skin / found.area
+    return min(noise, _MOST_NOISE * thickness**2 * max(0.0, found.curvature))
+
+
 def _points(body: Enclosed) -> FloatArray:
     """(P, 3) the points that are corners of the surface, metres."""
     _, first = np.unique(body.surface.number, return_index=True)
     return np.asarray(body.surface.corners.reshape(-1, 3)[first])
 
 
-def _of_voxels(points: FloatArray) -> float:
+def _of_voxels(nearest: float) -> float:
     """Return whether evenly spaced points are means of voxels, 1, or keep a least distance, 0."""
-    if len(points) < 3:
-        return 0.0
-    nearest, second = cKDTree(points).query(points, [2, 3])[0].T
-    ratio = float(np.mean(nearest / np.maximum(second, np.finfo(float).tiny)))
-    share = (_OF_LEAST_DISTANCE - ratio) / (_OF_LEAST_DISTANCE - _OF_VOXELS)
+    share = (_OF_LEAST_DISTANCE - nearest) / (_OF_LEAST_DISTANCE - _OF_VOXELS)
     return min(1.0, max(0.0, share))
+
+
+def _depth_of(merged: Merged, found: Facets) -> float:
+    """Return what means that were taken here lie too deep by, as a share of the facets.
+
+    k / 2 times the mean square distance of what was merged, against k M / 24; and what was merged
+    may have been means itself, of voxels smaller as they were more.
+    """
+    even = (merged.nearness - _AT_RANDOM) / (_OF_FEWEST_MEANS - _AT_RANDOM)
+    means = min(1.0, max(0.0, even)) * _of_voxels(merged.nearness)
+    return 12.0 * merged.scatter / found.coarseness + _TOO_DEEP * means * merged.share
 
 
 def hidden_volume(standing: Standing, body: Enclosed) -> Tuple[float, float]:
@@ -208,7 +284,18 @@ def closing_std(body: Enclosed) -> float:
     """Return the standard deviation from closing openings flat where the surface may bulge."""
     if body.unseen is not None:
         return body.unseen.std
-    a, b, c = body.patches.transpose(1, 0, 2)
+    lids = _lids(body)
+    a, b, c = lids.transpose(1, 0, 2)
     area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    width = np.max([np.linalg.norm(side, axis=1) for side in (b - a, c - b, a - c)], axis=0)
-    return _BULGE * float(np.sum(area * width))
+    return _BULGE * float(np.sum(area * _widths(lids)))
+
+
+def _lids(body: Enclosed) -> FloatArray:
+    """(L, 3, 3) the triangles that close openings wider than gaps between points, metres."""
+    return body.patches[_widths(body.patches) > _GAP * body.spacing]
+
+
+def _widths(triangles: FloatArray) -> FloatArray:
+    """(L,) longest sides, metres."""
+    sides = np.roll(triangles, -1, axis=1) - triangles
+    return np.asarray(np.linalg.norm(sides, axis=2).max(axis=1, initial=0.0))

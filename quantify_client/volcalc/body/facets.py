@@ -15,7 +15,8 @@ evenly over triangles of the mean size: h = k M / 24, M the mean of a^2 + b^2 + 
 both counts, and their difference tells how much depends on which.
 
 A side on which points lie along an edge of the body cuts off nothing. It turns by far more than the
-surface does at the corners that lie opposite of it.
+surface does at the corners that lie opposite of it. Where that holds for most of what is sharp it
+holds for all: on edges next to a crease, or to another edge, those corners turn sharply, too.
 """
 
 from __future__ import annotations
@@ -34,6 +35,9 @@ __all__ = ["Facets", "facets_of"]
 #: the corners opposite, and by more than this (radians): less is curvature.
 _SHARPER = 10.0
 _SHARP = 0.2
+
+#: Sides that turn by more than this (radians) are edges, not curvature.
+_EDGE = 0.5
 
 
 @dataclass(frozen=True)
@@ -143,7 +147,14 @@ def _turns(corners: FloatArray, number: IntArray, normals: FloatArray) -> tuple[
     for point in (start[one], end[one]):
         np.maximum.at(sharpest, point, angle)
     beside = np.maximum(sharpest[opposite[one]], sharpest[opposite[other]])
-    along = bulges & (angle > _SHARP) & (angle > _SHARPER * beside)
+    along = (angle > _SHARP) & (angle > _SHARPER * beside)
     length = np.linalg.norm(place[end[one]] - place[start[one]], axis=1)
     turned = 0.5 * length * np.where(bulges, angle, -angle)
-    return float(turned.sum()), float(turned[along].sum())
+    edges = [_along(turned[side], along[side], angle[side]) for side in (bulges, ~bulges)]
+    return float(turned.sum()), sum(edges)
+
+
+def _along(turned: FloatArray, along: npt.NDArray[np.bool_], angle: FloatArray) -> float:
+    """Return what sides along edges with points turn by, m: all edges where most of them are."""
+    some, sharp = float(turned[along].sum()), float(turned[angle > _EDGE].sum())
+    return sharp if abs(some) > 0.5 * abs(sharp) else some

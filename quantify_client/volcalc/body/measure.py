@@ -21,7 +21,7 @@ from .floor import Standing, on_lowest_points, stand
 from .foot import SOUND, Foot, find_foot
 from .heap import HeapFoundError, heap_share
 from .occupancy import cover, occupancy_volume
-from .voxels import Thinned
+from .voxels import Merged, Thinned
 from .warnings import body_warnings, why_open
 
 __all__ = ["floor_and_heap", "measure_body"]
@@ -76,7 +76,8 @@ def measure_body(
     if heap is not None:
         within, hidden, budget = _parts_of_heap(heap)
     else:
-        within, hidden, budget = _parts(standing, body, recipe, foot, (unseen, unseen_std))
+        found = _estimate(standing, body, recipe, foot, cloud.merged)
+        within, hidden, budget = _parts(found, body, foot, (unseen, unseen_std))
     volume, std = within + hidden, math.hypot(*(item.std_m3 for item in budget))
     _require_room(standing, volume - 1.96 * std)
     zero = local.elevation_of_zero(standing)
@@ -106,11 +107,7 @@ def measure_body(
 
 
 def _parts(
-    standing: Standing,
-    body: Enclosed,
-    recipe: BodyRecipe,
-    foot: Optional[Foot],
-    unseen: Tuple[float, float],
+    found: Estimate, body: Enclosed, foot: Optional[Foot], unseen: Tuple[float, float]
 ) -> Tuple[float, float, Tuple[BudgetItem, ...]]:
     """Return the volume within the surface above a foot, what is below it, m3, and the budget.
 
@@ -118,7 +115,6 @@ def _parts(
     ----------
     unseen : volume below the lowest section and its standard deviation, m3.
     """
-    found = _estimate(standing, body, recipe, foot)
     hidden, hidden_std = unseen
     if foot is not None:
         hidden, hidden_std = foot.volume, math.hypot(hidden_std, foot.std)
@@ -231,7 +227,11 @@ def _enclose(points: FloatArray, lid: FloatArray, recipe: BodyRecipe) -> Union[E
 
 
 def _estimate(
-    standing: Standing, body: Enclosed, recipe: BodyRecipe, foot: Optional[Foot]
+    standing: Standing,
+    body: Enclosed,
+    recipe: BodyRecipe,
+    foot: Optional[Foot],
+    merged: Optional[Merged],
 ) -> Estimate:
     """Return the volume within the surface and its error, from all points and from some.
 
@@ -243,14 +243,14 @@ def _estimate(
         again = _enclose(some, standing.lid, recipe) if len(some) >= _FEWEST_AGAIN else Open(())
         if isinstance(again, Enclosed) and is_same_body(body, again):
             if foot is None:
-                return estimate(body, again, every)
+                return estimate(body, again, every, merged=merged)
             # As far as the sections of both are sound, and in proportion above the foot.
             first = again.surface.lowest + SOUND * again.spacing
             upper, other = _above(body, first), _above(again, first)
             share = own.within / upper.within if upper.within > 0.5 * own.within else 1.0
             within = own.within - share * (upper.within - other.within)
-            return estimate(own, replace(again, within=within), every, first)
-    return estimate(own, None, 1)
+            return estimate(own, replace(again, within=within), every, first, merged)
+    return estimate(own, None, 1, merged=merged)
 
 
 def _above(body: Enclosed, level: float) -> Enclosed:
