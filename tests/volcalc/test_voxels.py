@@ -185,7 +185,8 @@ def test_thinning_keeps_the_number_and_the_middle_of_the_points(count, most, see
 def test_fewer_than_two_points_to_a_cube_are_not_merged():
     points = cloud(1500)
     whole, found = accumulated([points]).thinned(800), accumulated([points]).thinned(700)
-    assert len(whole.points) > 1490 and whole.merged is None
+    assert len(whole.points) > 1490
+    assert whole.merged is None
     assert len(found.points) <= 700
     assert 0.0 < found.merged.scatter < found.edge**2 / 3.0
     assert found.merged.share == len(found.points) / len(whole.points)

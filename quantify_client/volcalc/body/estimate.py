@@ -88,7 +88,7 @@ _OF_FACETS = 0.018
 _OF_CURVATURE = 0.2
 _OF_DIFFERENCE = 0.14
 _OF_EDGES = 0.055
-_OF_DEPTH = 0.07
+_OF_DEPTH = 0.15
 _OF_NEITHER = 1.1
 
 #: Most that e (1 - e)^2 is between points at random, 0, and even ones, 1.
