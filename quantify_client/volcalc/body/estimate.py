@@ -83,11 +83,12 @@ _TOO_DEEP = 0.5
 #: Standard deviations, as shares of the facets: always; times the mean spacing by the radius of
 #: curvature; of the difference between the two ways to find them, of what was taken for edges with
 #: points along them, of what voxels' means lie too deep by; where points are neither at random nor
-#: even. Most likely values for errors of bodies of known volume, rounded (docs/method.md).
-_OF_FACETS = 0.018
-_OF_CURVATURE = 0.2
-_OF_DIFFERENCE = 0.14
-_OF_EDGES = 0.055
+#: even. The first four are 1.4 times the most likely values for errors of bodies of known volume,
+#: since other bodies were off by that much more (docs/method.md).
+_OF_FACETS = 0.025
+_OF_CURVATURE = 0.28
+_OF_DIFFERENCE = 0.2
+_OF_EDGES = 0.08
 _OF_DEPTH = 0.15
 _OF_NEITHER = 1.1
 
