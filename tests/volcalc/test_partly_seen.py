@@ -7,7 +7,8 @@ import itertools
 import numpy as np
 import pytest
 from scans import OFFSET, Flaws, scan, volume_of
-from solids import cube, cup, sphere, torus, unit_vectors
+from scipy.spatial import Delaunay
+from solids import box_part, cube, cup, sphere, torus, union, unit_vectors
 
 from quantify_client.errors import InputError
 from quantify_client.volcalc.body.cut import face_costs, minimum_cut
@@ -116,6 +117,45 @@ def test_a_ball_without_its_lowest_part_and_no_ground_is_bridged_as_it_curves() 
     notice = next(one for one in result.warnings if one.code == "surface-completed")
     assert notice.values["low_m3"] <= result.volume_m3 <= notice.values["high_m3"] * 1.02
     assert result.checks == ()
+
+
+@pytest.mark.one_python
+def test_what_may_be_under_a_slab_that_no_camera_saw_is_bounded() -> None:
+    """A slab on a block at one side: below the rest of it there may be anything."""
+    parts = [
+        box_part([-0.5, -0.5, 0.0], [-0.2, 0.5, 0.3]),
+        box_part([-0.5, -0.5, 0.3], [0.5, 0.5, 0.6]),
+    ]
+    volume = 0.3 * 1.0 * 0.3 + 1.0 * 1.0 * 0.3
+    rng = np.random.default_rng(3)
+    points = union("slab", parts, volume).surface(12_000, rng)
+    underside = (np.abs(points[:, 2] - 0.3) < 1e-9) & (points[:, 0] > -0.2)
+    behind = (np.abs(points[:, 0] + 0.2) < 1e-9) & (points[:, 2] < 0.3)  # of the block, in its dark
+    points = points[~underside & ~behind & (points[:, 2] > 1e-9)]
+    ground = np.column_stack([rng.uniform(-1.2, 1.2, (12_000, 2)), np.zeros(12_000)])
+    ground = ground[(np.abs(ground[:, :2]) > 0.5).any(axis=1)]
+    result = volume_of(np.vstack([points, ground]) + OFFSET)
+    told = next(one.values for one in result.warnings if one.code == "surface-completed")
+    assert told["low_m3"] == pytest.approx(volume, rel=0.08)
+    assert told["high_m3"] > volume + 0.5 * (0.7 * 1.0 * 0.3)
+    assert abs(result.volume_m3 - volume) < 1.96 * result.std_m3
+    assert told["low_m3"] < result.volume_m3 < told["high_m3"]
+
+
+def test_the_tetrahedron_that_holds_a_point_is_found() -> None:
+    """As scipy finds it by other means; points outside of the hull are around it."""
+    rng = np.random.default_rng(2)
+    points = unit_vectors(1500, rng) * [1.0, 2.0, 0.5]
+    space = tetrahedralize(points)
+    asked = points + rng.normal(scale=0.1, size=points.shape)
+    found = space.holding(asked, np.arange(len(points)))
+    expected = Delaunay(space.points).find_simplex(asked)
+    assert 0.3 < (expected < 0).mean() < 0.7
+    np.testing.assert_array_equal(found == space.around, expected < 0)
+    middles = space.middles()
+    np.testing.assert_array_equal(
+        space.holding(middles, space.corners[:, 0]), np.arange(space.around)
+    )
 
 
 def test_hollow_and_max_gap_close_openings_as_they_say() -> None:
