@@ -125,13 +125,17 @@ def above_ground(standing: Standing) -> Optional[AboveGround]:
 
 
 def _elsewhere(tin: Delaunay, counts: IntArray, of_heap: npt.NDArray[np.bool_]) -> float:
-    """Return the share of the points above the ground that hang together with the heap nowhere."""
+    """Return the share of the points above the ground that are parts of other things.
+
+    A few points that hang together are the ground's noise, and no thing.
+    """
     start, neighbour = tin.vertex_neighbor_vertices
     point = np.repeat(np.arange(len(counts)), np.diff(start))
     both = of_heap[point] & of_heap[neighbour]
     part = connected(point[both], neighbour[both].astype(np.int64), len(counts))[of_heap]
-    held = np.bincount(part, counts[of_heap])
-    return 1.0 - float(held.max() / held.sum())
+    held, size = np.bincount(part, counts[of_heap]), np.bincount(part)
+    things = held[size >= _FEWEST]
+    return float((things.sum() - things.max(initial=0.0)) / held.sum())
 
 
 def _merged(
