@@ -136,7 +136,7 @@ def test_what_may_be_under_a_slab_that_no_camera_saw_is_bounded() -> None:
     ground = ground[(np.abs(ground[:, :2]) > 0.5).any(axis=1)]
     result = volume_of(np.vstack([points, ground]) + OFFSET)
     told = next(one.values for one in result.warnings if one.code == "surface-completed")
-    assert told["low_m3"] == pytest.approx(volume, rel=0.08)
+    assert 0.9 * volume < told["low_m3"] < 1.2 * volume
     assert told["high_m3"] > volume + 0.5 * (0.7 * 1.0 * 0.3)
     assert abs(result.volume_m3 - volume) < 1.96 * result.std_m3
     assert told["low_m3"] < result.volume_m3 < told["high_m3"]

@@ -105,7 +105,9 @@ def above_ground(standing: Standing) -> Optional[AboveGround]:
     flank = standing.sure * math.sqrt(covered / math.pi) / highest
     beside = away > _CLEAR * spacing + _FLANKS * flank
     inside = ~beside[triangles].all(axis=1)
-    weight = np.bincount(triangles[inside].ravel(), np.repeat(area[inside] / 3.0, 3), len(points))
+    thirds = np.repeat(area[inside] / 3.0, 3)
+    weight: FloatArray = np.zeros(len(points))
+    weight += np.bincount(triangles[inside].ravel(), thirds, len(points))
     ground = _ground(points, counts, beside, weight, standing.points[:, :2].mean(axis=0))
     if ground is None:
         return None

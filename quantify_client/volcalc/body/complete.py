@@ -7,6 +7,7 @@ what they differ by tells how little is known.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import List, Optional, Tuple, Union
 
@@ -25,7 +26,7 @@ from .heap import heap_share
 from .spaces import Spaces, border_faces, gaps_of, open_faces
 from .spacing import spacings
 from .tetrahedra import Tetrahedra, connected, tetrahedralize
-from .views import HIGHEST, Views, lowest_of, lowest_told, places_all_round
+from .views import HIGHEST, Views, lowest_told, places_all_round
 from .voxels import Thinned, thin
 
 __all__ = ["complete", "is_partly_seen"]
@@ -50,8 +51,8 @@ _PRESSURE = 2.0
 _NEXT = 0.6
 
 #: Cost of a tetrahedron for each thing that tells of its being otherwise, in squares of a spacing:
-#: a camera that sees through it to something or to nothing, a point beside it. More than three
-#: cameras count as three.
+#: a camera that sees through it to something or to nothing, a point beside it. More than three of
+#: each count as three.
 _SEEN_THROUGH = 3.0
 _SEEN_BEYOND = 1.0
 _BESIDE = 1.0
@@ -63,8 +64,10 @@ _CERTAIN = 2
 _LID, _GHOST = 1, 2  # kinds of points: from ghosts on surfaces are unseen
 
 #: Standard deviation of the volume, as a share of what the completions differ by: 0.29 if it were
-#: anything between them, and nothing else. Calibrated (method.md).
+#: anything between them, and nothing else; and of the unseen share of the surface times the volume,
+#: as two completions may agree by chance. Calibrated (method.md).
 _OF_SPREAD = 0.45
+_OF_SHARE = 0.04
 
 #: A surface is partly seen where a larger share of it is lids over openings, a larger share of the
 #: volume lies below what was seen, where no upright foot goes on, or a larger share of its points
@@ -163,7 +166,9 @@ def _enclosed(
     gaps = gaps_of(space, closing)
     spaces = Spaces(matter.astype(np.int64), np.array([0, 1]), gaps, closing, ())
     body = enclosed_by(space, spaces, hollow=False, empty=empty, real=kind == 0)
-    own = float(space.volume[matter].sum())
+    # Hollows that hold water are solid where the larger completion has them.
+    own = float(space.volume[matter].sum()) + body.water
+    volumes = volumes + np.array([body.water, 0.0])
     share = float(area[unseen].sum() / area.sum())
     return replace(
         body,
@@ -172,7 +177,9 @@ def _enclosed(
             low=float(volumes.min()),
             high=float(volumes.max()),
             shift=float(volumes.mean()) - own,
-            std=_OF_SPREAD * float(np.ptp(volumes)),
+            std=math.hypot(
+                _OF_SPREAD * float(np.ptp(volumes)), _OF_SHARE * share * float(volumes.mean())
+            ),
         ),
     )
 
@@ -204,22 +211,18 @@ def _views(
 
     Without ground, a body whose underside is in the cloud was seen from below, too.
     """
-    count, below, normals, stands = len(standing.points), False, None, False
-    if cameras is None:
-        views = Views.of(seen, spacing, places_all_round(standing.points, below)[0])
-        normals = views.normals
-        below = standing.pose is None and bool(np.mean(views.seen[:count] == 0) > _UNDERSIDE)
-        lowest = lowest_told(views.normals[:count])
-        stands = standing.pose is None and not below and lowest >= HIGHEST
-    else:
-        lowest = lowest_of(standing.points, cameras)
+    count, below = len(standing.points), False
+    ground = len(seen) - count
+    if cameras is not None:
         some = np.linspace(0, len(cameras) - 1, min(len(cameras), _MOST_CAMERAS))
         cameras = cameras[np.round(some).astype(np.int64)]
+        return Views.of(seen, spacing, cameras, None, ground), np.zeros(len(cameras), bool), False
+    views = Views.of(seen, spacing, places_all_round(standing.points, below)[0], None, ground)
+    below = standing.pose is None and bool(np.mean(views.seen[:count] == 0) > _UNDERSIDE)
+    lowest = lowest_told(views.normals[:count])
+    stands = standing.pose is None and not below and lowest >= HIGHEST
     places, unsure = places_all_round(standing.points, below, lowest)
-    if cameras is not None:
-        places = np.vstack([places, cameras])
-        unsure = np.append(unsure, np.zeros(len(cameras), dtype=bool))
-    return Views.of(seen, spacing, places, normals), unsure, stands
+    return Views.of(seen, spacing, places, views.patches, ground), unsure, stands
 
 
 def _seen_empty(

@@ -18,23 +18,21 @@ from typing import Any, List, Optional, Tuple
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import minimum_filter
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull
 
 from ...types import FloatArray, IntArray
+from .patches import Patches
 
-__all__ = ["HIGHEST", "Views", "lowest_of", "lowest_told", "places_all_round"]
+__all__ = ["HIGHEST", "Views", "lowest_told", "places_all_round"]
 
 #: Side of a depth image's pixels, in spacings: points of a surface leave no pixel between them out.
 _PIXEL = 1.5
 
 #: What is more pixels beside the line of sight, or behind the camera, is not in an image.
-_WIDEST = 2_000
+_WIDEST = 600
 
 #: Space is empty that ends so many spacings before what is seen.
 _BEFORE = 2.0
-
-#: Neighbours that a normal is fitted to.
-_NEIGHBOURS = 16
 
 #: A surface is seen, or seen from behind, where the cosine of the angle to its normal is at least
 #: this: along it nothing is sure.
@@ -99,15 +97,10 @@ def places_all_round(
     return places, np.concatenate(unsure)
 
 
-def lowest_of(points: FloatArray, cameras: FloatArray) -> float:
-    """Return how high above the horizon the lowest of cameras (K, 3) stood, degrees."""
-    way = cameras - 0.5 * (points.min(axis=0) + points.max(axis=0))
-    up = np.degrees(np.arctan2(way[:, 2], np.hypot(way[:, 0], way[:, 1])))
-    return float(np.clip(up.min(), 0.0, HIGHEST))
-
-
 def lowest_told(normals: FloatArray) -> float:
-    """Return the same where nobody knows, from how far surfaces overhang that were seen.
+    """Return how high above the horizon the lowest cameras stood, degrees.
+
+    From how far surfaces overhang that were seen.
 
     Parameters
     ----------
@@ -167,6 +160,26 @@ class _View:
         reach = self.pixel * self.depth * np.minimum(0.5 + 2.0 * slope, 4.0)
         return np.asarray(self.shown & (self.depth <= self.nearest[tuple(self.pixels.T)] + reach))
 
+    def meet(self, around: FloatArray) -> None:
+        """Let lines of sight tell nothing that meet the ground where there is none in the cloud.
+
+        What hides it there is not in the cloud, either.
+
+        Parameters
+        ----------
+        around : (E, 3) of the hull of all points, seen from above: nx x + ny y + d <= 0 inside.
+        """
+        pixel = np.argwhere(self.beyond)
+        across = (pixel + self.corner + 0.5) * self.pixel
+        way = np.column_stack([across, np.ones(len(across))]) @ self.axes.T
+        down = (way[:, 2] < 0.0) & (self.place[2] > 0.0)
+        pixel, way = pixel[down], way[down]
+        foot = self.place[:2] - self.place[2] / way[:, 2:] * way[:, :2]
+        hidden = np.ones(len(foot), dtype=bool)
+        for edge in around:
+            hidden &= foot @ edge[:2] + edge[2] <= 0.0
+        self.beyond[tuple(pixel[hidden].T)] = False
+
     def judge(self, seen: npt.NDArray[np.bool_], cosine: FloatArray, margin: float) -> None:
         """Find up to where each pixel is empty."""
         front, behind = self.image(seen & (cosine > _FRONT)), self.image(seen & (cosine < -_BEHIND))
@@ -192,15 +205,20 @@ class Views:
 
     Attributes
     ----------
-    normals : (N, 3) float64, unit vectors to the outside.
+    patches : of the points; their normals point to the outside.
     seen : (N,) int64, how many cameras see each.
     fair : (K,) False for cameras that look into the body through an opening, and are left out.
     """
 
-    normals: FloatArray
+    patches: Patches
     seen: IntArray
     views: List[_View]
     fair: npt.NDArray[np.bool_]
+
+    @property
+    def normals(self) -> FloatArray:
+        """(N, 3) unit vectors to the outside."""
+        return self.patches.normals
 
     @classmethod
     def of(
@@ -208,30 +226,39 @@ class Views:
         points: FloatArray,
         spacing: float,
         places: FloatArray,
-        normals: Optional[FloatArray] = None,
+        patches: Optional[Patches] = None,
+        ground: int = 0,
     ) -> Views:
         """Return what cameras at some places see of points (N, 3), metres.
 
         Parameters
         ----------
-        normals : (N, 3) unit vectors, to either side, where they were found before.
+        patches : of the points, where they were found before.
+        ground : how many of the points, the last ones, are ground at a height of 0.
         """
-        if normals is None:
-            normals = _normals(points)
+        patches = patches or Patches.of(points)
         views = [_View(place, points, spacing) for place in places]
-        cosine = np.array([((v.place - points) * normals).sum(axis=1) / v.depth for v in views])
+        if ground:
+            around = ConvexHull(points[:, :2]).equations
+            for view in views:
+                view.meet(around)
+        cosine = np.array(
+            [((v.place - points) * patches.normals).sum(axis=1) / v.depth for v in views]
+        )
         seen = np.array([view.sees(own) for view, own in zip(views, cosine)])
         fair = np.ones(len(views), dtype=bool)
         while True:
-            sign = np.where((seen[fair] * cosine[fair]).sum(axis=0) < 0, -1.0, 1.0)
-            behind = (seen & (sign * cosine < 0)).sum(axis=1)
-            into = fair & (behind > _INSIDE * seen.sum(axis=1))
+            turned = patches.to_most((seen[fair] * cosine[fair]).sum(axis=0))
+            sign = (turned.normals * patches.normals).sum(axis=1)
+            own = seen[:, : len(points) - ground]
+            behind = (own & (sign * cosine < 0)[:, : own.shape[1]]).sum(axis=1)
+            into = fair & (behind > _INSIDE * own.sum(axis=1))
             if not into.any() or into[fair].all():
                 break
             fair &= ~into
         for number in np.flatnonzero(fair):
             views[number].judge(seen[number], sign * cosine[number], _BEFORE * spacing)
-        return cls(normals * sign[:, None], seen[fair].sum(axis=0), views, fair)
+        return cls(turned, seen[fair].sum(axis=0), views, fair)
 
     def empty(
         self, points: FloatArray, some: npt.NDArray[np.bool_], enough: int
@@ -252,10 +279,3 @@ class Views:
                 beyond[open_to] += other
                 open_to = open_to[before[open_to] < enough]
         return before, beyond
-
-
-def _normals(points: FloatArray) -> FloatArray:
-    """(N, 3) unit vectors along which a point's neighbours vary least, either way."""
-    near = cKDTree(points).query(points, min(_NEIGHBOURS, len(points)))[1]
-    away = points[near] - points[near].mean(axis=1, keepdims=True)
-    return np.asarray(np.linalg.eigh(np.einsum("nki,nkj->nij", away, away))[1][:, :, 0])
