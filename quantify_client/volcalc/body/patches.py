@@ -27,8 +27,8 @@ _NEIGHBOURS = 16
 _ALIKE = 0.8
 _HIGH = 0.5
 
-#: Votes agree where those for one side are nine tenths: this much more than the others.
-_AGREED = 0.8
+#: Votes agree where three quarters are for one side: this much more of all than the others.
+_AGREED = 0.5
 
 
 @dataclass(frozen=True)

@@ -112,9 +112,9 @@ def _completed(unseen: Unseen, gaps: Sequence[Gap], place: _Place) -> Notice:
     where = f" (the widest opening at {place(gaps[0])})" if gaps else ""
     return Notice(
         "surface-completed",
-        f"{unseen.share:.0%} of the surface was not seen{where}: it may enclose "
-        f"{unseen.low:.4g} to {unseen.high:.4g} m3, and the mean counts; photograph these sides, "
-        "too, for a smaller error",
+        f"{unseen.share:.0%} of the surface was not seen{where}: completed as small and as large "
+        f"as is plausible it encloses {unseen.low:.4g} and {unseen.high:.4g} m3, and the mean "
+        "counts; photographs of these sides, or from lower down, make the error smaller",
         share=unseen.share,
         low_m3=unseen.low,
         high_m3=unseen.high,
