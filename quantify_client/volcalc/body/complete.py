@@ -169,7 +169,8 @@ def _enclosed(
     # Hollows that hold water are solid where the larger completion has them.
     own = float(space.volume[matter].sum()) + body.water
     volumes = volumes + np.array([body.water, 0.0])
-    share = float(area[unseen].sum() / area.sum())
+    hidden = unseen | (kind[space.faces[border]] == _LID).any(axis=1)  # what it stands on, too
+    share = float(area[hidden].sum() / area.sum())
     return replace(
         body,
         unseen=Unseen(
