@@ -22,7 +22,6 @@ from .estimate import hidden_volume
 from .floor import Standing, on_lowest_points
 from .foot import find_foot
 from .going_on import going_on, one_each
-from .heap import heap_share
 from .spaces import Spaces, border_faces, gaps_of, open_faces
 from .spacing import spacings
 from .tetrahedra import Tetrahedra, connected, tetrahedralize
@@ -79,13 +78,16 @@ _OUTSIDE = 0.005
 _FEWEST = 100  # points that tell how a surface goes on
 
 
-def is_partly_seen(standing: Standing, body: Union[Enclosed, Open]) -> bool:
-    """Whether much of the surface is missing, or the body misses some of its points."""
+def is_partly_seen(standing: Standing, body: Union[Enclosed, Open], is_heap: bool) -> bool:
+    """Whether much of the surface is missing, or the body misses some of its points.
+
+    Of a heap nothing is that lies under it, and it is seen from above as a whole.
+    """
     if len(standing.points) < _FEWEST:
         return False
     if isinstance(body, Open):
         return True
-    if heap_share(standing) is not None:
+    if is_heap:
         return False
     apart = np.count_nonzero(body.apart < len(standing.points))
     if _lids(body) > _OPEN * body.surface.area() or apart > _OUTSIDE * len(standing.points):

@@ -197,7 +197,8 @@ def _enclosed(
     if heap is not None:
         floor_in_frame = local.in_frame(heap.standing.floor)
         return replace(heap.standing, floor=floor_in_frame), heap.body, heap
-    if recipe.max_gap is None and not recipe.hollow and is_partly_seen(standing, body):
+    may_be_completed = recipe.max_gap is None and not recipe.hollow
+    if may_be_completed and is_partly_seen(standing, body, share is not None):
         cameras = None if recipe.cameras is None else standing.upright(local.apply(recipe.cameras))
         standing, body = complete(standing, cameras, floor == "auto") or (standing, body)
     if isinstance(body, Open) and not body.leaks and standing.pose is None and floor == "auto":
