@@ -81,7 +81,7 @@ _FEWEST = 100  # points that tell how a surface goes on
 def is_partly_seen(standing: Standing, body: Union[Enclosed, Open], is_heap: bool) -> bool:
     """Whether much of the surface is missing, or the body misses some of its points.
 
-    Of a heap nothing is that lies under it, and it is seen from above as a whole.
+    A heap is seen from above as a whole.
     """
     if len(standing.points) < _FEWEST:
         return False
