@@ -70,7 +70,7 @@ def _to_one_side(
     high = np.abs((away * normals[one]).sum(axis=1))
     joined = (alike > _ALIKE) & (high < _HIGH * np.linalg.norm(away, axis=1)) & (one != other)
     one, other = one[joined], other[joined]
-    # A tree's weights must not be 0; a pair that comes twice counts twice.
+    # Weights of 0 would be no pairs at all.
     graph = csr_matrix((1.01 - alike[joined], (one, other)), shape=(count, count))
     tree = minimum_spanning_tree(graph)
     _, number = connected_components(tree, directed=False)
