@@ -212,14 +212,18 @@ def _views(
 ) -> Tuple[Views, npt.NDArray[np.bool_], bool]:
     """Return what is seen, which places are less sure, and whether the body stands on no ground.
 
-    Without ground, a body whose underside is in the cloud was seen from below, too.
+    What known cameras leave open the smaller completion leaves out as if others had stood all round
+    them. Without ground, a body whose underside is in the cloud was seen from below, too.
     """
     count, below = len(standing.points), False
     ground = len(seen) - count
     if cameras is not None:
         some = np.linspace(0, len(cameras) - 1, min(len(cameras), _MOST_CAMERAS))
         cameras = cameras[np.round(some).astype(np.int64)]
-        return Views.of(seen, spacing, cameras, None, ground), np.zeros(len(cameras), bool), False
+        places = np.vstack([cameras, places_all_round(standing.points, below)[0]])
+        unsure = np.arange(len(places)) >= len(cameras)
+        views = Views.of(seen, spacing, places, None, ground, len(cameras))
+        return views, unsure, False
     views = Views.of(seen, spacing, places_all_round(standing.points, below)[0], None, ground)
     below = standing.pose is None and bool(np.mean(views.seen[:count] == 0) > _UNDERSIDE)
     lowest = lowest_told(views.normals[:count])

@@ -26,7 +26,9 @@ from .patches import Patches
 __all__ = ["HIGHEST", "Views", "lowest_told", "places_all_round"]
 
 #: Side of a depth image's pixels, in spacings: points of a surface leave no pixel between them out.
-_PIXEL = 1.5
+#: Images from places where perhaps no camera stood are coarser: they take less for empty.
+_PIXEL = 1.0
+_COARSE = 1.5
 
 #: What is more pixels beside the line of sight, or behind the camera, is not in an image.
 _WIDEST = 600
@@ -119,7 +121,7 @@ class _View:
     pixel (-inf: nobody knows); ``beyond`` is True where it shows nothing at all.
     """
 
-    def __init__(self, place: FloatArray, points: FloatArray, spacing: float) -> None:
+    def __init__(self, place: FloatArray, points: FloatArray, pixel: float) -> None:
         sight = 0.5 * (points.min(axis=0) + points.max(axis=0)) - place
         away = float(np.linalg.norm(sight))
         sight = sight / away
@@ -127,7 +129,7 @@ class _View:
         if np.linalg.norm(side) < 1e-6:
             side = np.array([1.0, 0.0, 0.0])
         side /= np.linalg.norm(side)
-        self.place, self.pixel = place, _PIXEL * spacing / away
+        self.place, self.pixel = place, pixel / away
         self.axes = np.column_stack([side, np.cross(sight, side), sight])
         pixels, self.depth = self.project(points)
         self.shown = (np.abs(pixels) < _WIDEST).all(axis=1)
@@ -228,6 +230,7 @@ class Views:
         places: FloatArray,
         patches: Optional[Patches] = None,
         ground: int = 0,
+        known: int = 0,
     ) -> Views:
         """Return what cameras at some places see of points (N, 3), metres.
 
@@ -235,9 +238,11 @@ class Views:
         ----------
         patches : of the points, where they were found before.
         ground : how many of the points, the last ones, are ground at a height of 0.
+        known : at how many of the places, the first ones, a camera did stand.
         """
         patches = patches or Patches.of(points)
-        views = [_View(place, points, spacing) for place in places]
+        sides = spacing * np.where(np.arange(len(places)) < known, _PIXEL, _COARSE)
+        views = [_View(place, points, float(side)) for place, side in zip(places, sides)]
         if ground:
             around = ConvexHull(points[:, :2]).equations
             for view in views:
