@@ -9,7 +9,8 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 from solids import cube, sphere, table
 
-from quantify_client.volcalc.body.floor import FloorPlane, Pose, find_plane, is_ground, lid
+from quantify_client.volcalc.body.floor import lid, stand
+from quantify_client.volcalc.body.plane import FloorPlane, Pose, find_plane, is_ground
 
 
 def spacing_of(points):
@@ -55,6 +56,23 @@ def test_ground_of_one_height_is_found_exactly():
     np.testing.assert_allclose(plane.normal, [0, 0, 1], atol=1e-9)
     assert plane.offset == pytest.approx(3.0, abs=1e-9)
     np.testing.assert_allclose(plane.height(np.array([[9.0, 9.0, 5.0]])), [2.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.003])
+@pytest.mark.parametrize("least", [-1.5, 0.5])
+def test_ground_on_one_side_stays_level_below_a_wall(noise, least):
+    """Points of the far wall are within the plane's reach: with them it tilts by 0.3 degrees."""
+    rng = np.random.default_rng(4)
+    box = cube().surface(6_000, rng)
+    box = box[box[:, 2] > 1e-9]
+    flat = np.column_stack([rng.uniform(-1.5, 2.5, (16_000, 2)), np.zeros(16_000)])
+    flat = flat[(flat[:, 0] < 0.0) & (flat[:, 1] > least)]
+    points = np.vstack([box, flat])
+    points += rng.normal(scale=noise, size=points.shape) if noise else 0.0
+    standing = stand(points, np.ones(len(points), dtype=np.int64), "auto")
+    assert standing.floor.tilt_degrees < 0.05
+    # What lies over the far edge of the box tells how far the plane has sunk or risen there.
+    assert standing.upright(np.array([[1.0, 0.5, 1.0]]))[0, 2] == pytest.approx(1.0, abs=0.002)
 
 
 @pytest.mark.parametrize("turned", [False, True])

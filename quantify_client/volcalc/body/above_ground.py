@@ -31,7 +31,8 @@ from scipy.spatial import Delaunay, cKDTree
 
 from ...types import FloatArray, IntArray
 from .enclose import Enclosed
-from .floor import Standing, columns
+from .floor import Standing
+from .plane import columns
 from .sections import BodySurface
 from .spaces import OPEN
 from .spacing import spacings

@@ -7,7 +7,8 @@ from typing import Optional
 
 import numpy as np
 
-from .floor import Standing, columns
+from .floor import Standing
+from .plane import columns
 from .spacing import spacings
 
 __all__ = ["HeapFoundError", "heap_share", "seen_from_above"]
