@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any, Dict, Mapping
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from solids import sphere
 
 from quantify_client import measure
 from quantify_client.errors import QuantifyError
+from quantify_client.types import Measurement
 
 POINTS = scan(sphere(), 5_000, 5, Flaws(missing=0.15))
 MIDDLE = POINTS.mean(axis=0)
@@ -74,6 +76,28 @@ def test_cameras_of_another_place_are_refused(cloud: Path, tmp_path: Path) -> No
         measure(cloud, source_unit="m", cameras=path)
     with pytest.raises(QuantifyError, match="does not exist"):
         measure(cloud, source_unit="m", cameras=tmp_path / "none.txt")
+
+
+def told(measurement: Measurement) -> Dict[str, Mapping[str, Any]]:
+    return {one.code: one.values for one in measurement.results[0].warnings}
+
+
+def test_it_is_told_how_many_cameras_count(cloud: Path, tmp_path: Path) -> None:
+    without = measure(cloud, shape="object", source_unit="m")
+    assert told(without)["surface-completed"]["cameras"] == 0
+    one = measure(cloud, source_unit="m", cameras=written(tmp_path / "one.txt", RING[:1]))
+    assert told(one)["surface-completed"]["cameras"] == 1
+    assert "cameras-left-out" not in told(one)
+
+
+def test_cameras_within_the_body_are_left_out(cloud: Path, tmp_path: Path) -> None:
+    """Millimetres that are told for metres, say."""
+    path = written(tmp_path / "cameras.txt", MIDDLE + (RING - MIDDLE) / 1000.0)
+    measurement = measure(cloud, source_unit="m", cameras=path)
+    assert told(measurement)["cameras-left-out"]["count"] == 12
+    assert told(measurement)["surface-completed"]["cameras"] == 0
+    without = measure(cloud, shape="object", source_unit="m").results[0].volume_m3
+    assert measurement.results[0].volume_m3 == without
 
 
 def test_cameras_go_with_objects(cloud: Path, tmp_path: Path) -> None:

@@ -7,12 +7,13 @@ from typing import List, Optional
 
 import numpy as np
 
+from ..cloud import open_cloud
 from ..crs import Frame
 from ..errors import ControlError, InputError
 from ..options import Options
 from ..sfm.odm.json_files import features, numbers, read_object
 from ..sfm.odm.layout import SHOTS
-from ..source import Source, open_source
+from ..source import Source
 from ..types import FloatArray
 
 __all__ = ["cameras_of"]
@@ -55,8 +56,7 @@ def _of_file(path: Path) -> FloatArray:
             return _of_shots(path)
         except ControlError as error:
             raise InputError(str(error)) from error
-    with open_source([path]) as given:
-        chunks = [np.column_stack([c.x, c.y, c.z]) for c in given.cloud.chunks()]
+    chunks = [np.column_stack([c.x, c.y, c.z]) for c in open_cloud([path], fewest=1).chunks()]
     return np.vstack([np.empty((0, 3)), *chunks])
 
 

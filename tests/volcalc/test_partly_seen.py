@@ -215,12 +215,28 @@ def test_the_tetrahedron_that_holds_a_point_is_found() -> None:
     )
 
 
+def test_cameras_below_the_floor_are_left_out() -> None:
+    points = scan(sphere(), 4_000, 3, Flaws(ground=2.5, missing=0.15))
+    cameras = np.array([[4.0, 0.0, 1.0], [0.0, 4.0, 1.0], [-4.0, 0.0, -1.0]]) + OFFSET
+    notices = {one.code: one for one in volume_of(points, cameras=cameras).warnings}
+    assert notices["surface-completed"].values["cameras"] == 2
+    assert str(notices["cameras-left-out"]).startswith("1 of 3 positions of cameras are below")
+
+
 def test_hollow_and_max_gap_close_openings_as_they_say() -> None:
     points = scan(sphere(), 8_000, 3, Flaws(hole=0.3))
     codes = {one.code for one in volume_of(points, hollow=True).warnings}
     assert "surface-completed" not in codes
     with pytest.raises(InputError, match="--max-gap"):
         volume_of(points, max_gap=0.05)
+
+
+def test_what_was_asked_for_is_named_where_nothing_is_enclosed() -> None:
+    points = scan(sphere(), 2_000, 3, Flaws(missing=0.6))
+    points = points[points[:, 0] < np.median(points[:, 0])]  # a quarter of a ball
+    for asked, name in (({"max_gap": 2.0}, "--max-gap 2"), ({"hollow": True}, "--hollow")):
+        with pytest.raises(InputError, match=f"enclose no space with {name}: without it what"):
+            volume_of(points, floor="none", **asked)
 
 
 @pytest.mark.one_python

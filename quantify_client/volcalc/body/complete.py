@@ -120,6 +120,7 @@ def complete(
     """
     seen = np.vstack([standing.points, _near(standing.ground, standing.points)])
     spacing = float(np.median(spacings(standing.points)))
+    cameras = None if cameras is None else _outside_of_box(standing, cameras)
     views, unsure, stands = _views(standing, seen, spacing, cameras)
     if stands and not may_stand:
         return None
@@ -149,7 +150,7 @@ def complete(
     if not all(matter.any() for matter in bodies):
         return None
     empty = np.append(sure.sum(axis=0) > 0, False)
-    body = _enclosed(space, bodies[0], kind, volumes, empty)
+    body = _enclosed(space, bodies[0], kind, volumes, empty, 0 if cameras is None else len(cameras))
     body = replace(body, apart=_outside(space, bodies[0], standing.points, len(points)))
     return replace(standing, lid=np.empty((0, 3)), sure=0.0, unsure=0.0), body
 
@@ -160,8 +161,9 @@ def _enclosed(
     kind: IntArray,
     volumes: FloatArray,
     empty: npt.NDArray[np.bool_],
+    cameras: int,
 ) -> Enclosed:
-    """Return a completion as a body, with what the others make of it."""
+    """Return a completion as a body, with what both and so many cameras make of it."""
     border = border_faces(space, matter)
     unseen = open_faces(space, border) | (kind[space.faces[border]] >= _GHOST).any(axis=1)
     closing, area = border[unseen], space.face_areas(border)
@@ -183,8 +185,22 @@ def _enclosed(
             std=math.hypot(
                 _OF_SPREAD * float(np.ptp(volumes)), _OF_SHARE * share * float(volumes.mean())
             ),
+            cameras=cameras,
         ),
     )
+
+
+def _outside_of_box(standing: Standing, cameras: FloatArray) -> Optional[FloatArray]:
+    """Return the cameras that may have stood where they are said to, None without any.
+
+    None stands below the floor, nor most of them within the box round the body: those are in other
+    coordinates than the cloud.
+    """
+    box = standing.points.min(axis=0), standing.points.max(axis=0)
+    within = ((cameras > box[0]) & (cameras < box[1])).all(axis=1)
+    above = cameras[:, 2] > (-np.inf if standing.pose is None else 0.0)
+    may = above & (np.mean(within | ~above) < 0.5)
+    return cameras[may] if may.any() else None
 
 
 def _outside(

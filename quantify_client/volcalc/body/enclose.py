@@ -42,6 +42,7 @@ class Unseen:
     low, high : the smallest and the largest volume that it was completed to, cubic metres.
     shift : mean of these volumes less that of the body, cubic metres.
     std : standard deviation of the mean, cubic metres.
+    cameras : how many positions of cameras told of it.
     """
 
     share: float
@@ -49,6 +50,7 @@ class Unseen:
     high: float
     shift: float
     std: float
+    cameras: int
 
 
 @dataclass(frozen=True)

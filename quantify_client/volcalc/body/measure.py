@@ -205,7 +205,7 @@ def _enclosed(
         standing = on_lowest_points(standing)
         body = _enclose(standing.points, standing.lid, recipe)
     if isinstance(body, Open):
-        raise InputError(why_open(body.leaks, partial(local.place, standing)))
+        raise InputError(why_open(body.leaks, partial(local.place, standing), recipe))
     return replace(standing, floor=local.in_frame(standing.floor)), body, None
 
 

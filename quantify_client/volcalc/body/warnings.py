@@ -45,7 +45,8 @@ def body_warnings(
     place : says where an opening is.
     recipe : what the user said already is not advised.
     """
-    yield from _openings(body, place, "" if recipe.max_gap is not None else _GAP_ADVICE)
+    given = 0 if recipe.cameras is None else len(recipe.cameras)
+    yield from _openings(body, place, given, "" if recipe.max_gap is not None else _GAP_ADVICE)
     yield from _floor(standing, hidden, volume, "" if recipe.floor != "auto" else _FLOOR_ADVICE)
     yield from _apart(standing, body)
     yield from _walls(body)
@@ -54,7 +55,7 @@ def body_warnings(
     yield from _points(cloud, standing)
 
 
-def why_open(leaks: Sequence[Gap], place: _Place) -> str:
+def why_open(leaks: Sequence[Gap], place: _Place, recipe: BodyRecipe) -> str:
     """Return why points enclose nothing, and what to do."""
     if leaks:
         widest = leaks[0]
@@ -62,6 +63,12 @@ def why_open(leaks: Sequence[Gap], place: _Place) -> str:
             f"the surface is open at {place(widest)}, {widest.width:.3g} m wide, wider than "
             f"--max-gap allows; give --max-gap {1.01 * widest.width:.3g} to close it, or "
             "photograph that side"
+        )
+    if recipe.max_gap is not None or recipe.hollow:
+        name = "--hollow" if recipe.max_gap is None else f"--max-gap {recipe.max_gap:g}"
+        return (
+            f"the points enclose no space with {name}: without it what was not seen is completed; "
+            "leave it out, or take photographs of all sides"
         )
     return (
         "the points enclose no space: expected the surface of a body seen from all sides; for a "
@@ -86,7 +93,7 @@ def _apart(standing: Standing, body: Enclosed) -> Iterator[Notice]:
         )
 
 
-def _openings(body: Enclosed, place: _Place, advice: str) -> Iterator[Notice]:
+def _openings(body: Enclosed, place: _Place, cameras: int, advice: str) -> Iterator[Notice]:
     for leak in body.leaks[:3]:
         yield Notice(
             "surface-open",
@@ -96,6 +103,7 @@ def _openings(body: Enclosed, place: _Place, advice: str) -> Iterator[Notice]:
         )
     if body.unseen is not None:
         yield _completed(body.unseen, body.gaps, place)
+        yield from _left_out(body.unseen, cameras)
     elif body.gaps:
         widest, number = body.gaps[0], len(body.gaps)
         count = "1 opening in the surface was" if number == 1 else f"{number} openings were"
@@ -110,15 +118,32 @@ def _openings(body: Enclosed, place: _Place, advice: str) -> Iterator[Notice]:
 def _completed(unseen: Unseen, gaps: Sequence[Gap], place: _Place) -> Notice:
     """Return that a part of the surface was not seen, and between what the volume may lie."""
     where = f" (the widest opening at {place(gaps[0])})" if gaps else ""
+    if unseen.cameras:
+        told = f"{unseen.cameras} positions of cameras told what is empty"
+    else:
+        told = "as if cameras had stood all round it, since --cameras does not say where they did"
     return Notice(
         "surface-completed",
         f"{unseen.share:.0%} of the surface was not seen{where}: completed as small and as large "
-        f"as is plausible it encloses {unseen.low:.4g} and {unseen.high:.4g} m3, and the mean "
-        "counts; photographs of these sides, or from lower down, make the error smaller",
+        f"as is plausible it encloses {unseen.low:.4g} and {unseen.high:.4g} m3 ({told}), and the "
+        "mean counts; photographs of these sides, or from lower down, make the error smaller",
         share=unseen.share,
         low_m3=unseen.low,
         high_m3=unseen.high,
+        cameras=unseen.cameras,
     )
+
+
+def _left_out(unseen: Unseen, cameras: int) -> Iterator[Notice]:
+    """Yield that cameras cannot have stood where they are said to."""
+    count = cameras - unseen.cameras
+    if count > 0:
+        yield Notice(
+            "cameras-left-out",
+            f"{count:,} of {cameras:,} positions of cameras are below the floor, or most of them "
+            "within the body, and were left out; expected the cloud's own coordinates",
+            count=count,
+        )
 
 
 def _floor(standing: Standing, hidden: float, volume: float, advice: str) -> Iterator[Notice]:
