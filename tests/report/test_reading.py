@@ -15,6 +15,7 @@ from quantify_client.errors import InputError
 from quantify_client.report.page.page import Pictures, render_html
 from quantify_client.report.terminal.results import print_table
 from quantify_client.report.wording.units import (
+    METRIC,
     MINUS,
     NOTHING,
     THIN_SPACE,
@@ -66,6 +67,21 @@ def test_unknown_units_are_never_converted() -> None:
     units = display_units(surveys.measurement(length_unit="unknown"), "us")
     assert units.volume_text(2.0) == "2.0000\u00a0units³"
     assert units.length_text(2.0) == "2.00\u00a0units"
+
+
+@pytest.mark.parametrize(
+    ("value", "height", "words"),
+    [
+        (4e-9, 0.8, "0.000"),
+        (-4e-9, 20.0, "0.00"),
+        (0.0123456, 0.05, "0.0123"),
+        (330.5, 2.0, "330.50"),
+    ],
+)
+def test_elevations_are_as_fine_as_what_they_are_of_is_high(
+    value: float, height: float, words: str
+) -> None:
+    assert METRIC.elevation_text(value, height) == f"{words}\u00a0m"
 
 
 def test_other_units_are_refused() -> None:

@@ -23,6 +23,7 @@ from .markup import Markup, bar, details, facts, join, note, table, tag, tile
 __all__ = ["result_body"]
 
 SOURCES = {
+    "coverage": "what no point shows: gaps, and sides that nobody saw",
     "scale": "how well the control knows the size of the whole cloud",
     "alignment": "how well it is known how the surveys lie on each other",
 }
@@ -99,7 +100,9 @@ def _body_tiles(result: AreaResult, units: Units) -> List[Markup]:
 
 
 def _elevations(result: AreaResult, units: Units) -> str:
-    return f"{units.length_number(result.min_z_m)} to {units.length_text(result.max_z_m)}"
+    low, high = result.min_z_m, result.max_z_m
+    height = 0.0 if low is None or high is None else high - low
+    return f"{units.elevation_number(low, height)} to {units.elevation_text(high, height)}"
 
 
 def _facts(result: AreaResult, units: Units, terms: Terms) -> List[Tuple[str, object]]:

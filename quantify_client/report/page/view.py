@@ -63,9 +63,13 @@ def view_markup(result: AreaResult, units: Units, *, north: bool, views: int = 1
     written = json.dumps({**data, "north": north}, separators=(",", ":"), allow_nan=False)
     # Nothing in the data can end it: no letter of it starts a tag.
     written = written.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
+    low, high = (
+        units.elevation_text(z, result.max_z_m - result.min_z_m)
+        for z in (result.min_z_m, result.max_z_m)
+    )
     words = (
         f"{result.name} in three dimensions: {len(sections)} of its section outlines between "
-        f"elevation {units.length_text(result.min_z_m)} and {units.length_text(result.max_z_m)}, "
+        f"elevation {low} and {high}, "
         f"points of its surface, closed gaps: {len(body.gaps)}. "
         "The same sections are in the picture, the numbers in the tables."
     )

@@ -153,7 +153,7 @@ class Units:
         return _with_unit(number(value), self.area)
 
     def length_number(self, value_m: Optional[float]) -> str:
-        """Return a length, height or elevation without its unit: a hundredth at least."""
+        """Return a length or height without its unit: a hundredth at least."""
         value = _times(value_m, self.length_per_m)
         if value is None or not math.isfinite(value):
             return NOTHING
@@ -164,8 +164,20 @@ class Units:
         return number(_times(value_m, self.length_per_m), std=_times(std_m, self.length_per_m))
 
     def length_text(self, value_m: Optional[float]) -> str:
-        """Return a length, height or elevation with its unit."""
+        """Return a length or height with its unit."""
         return _with_unit(self.length_number(value_m), self.length)
+
+    def elevation_number(self, value_m: Optional[float], height_m: float) -> str:
+        """Return an elevation without its unit, to a hundredth, or finer for what is less high."""
+        value, height = _times(value_m, self.length_per_m), height_m * self.length_per_m
+        if value is None or not math.isfinite(value):
+            return NOTHING
+        finer = 2 - _power_of_ten(height, 3) if 0.0 < height < 1.0 else 2
+        return fixed(value, min(finer, MAX_DECIMALS))
+
+    def elevation_text(self, value_m: Optional[float], height_m: float) -> str:
+        """Return an elevation of what is so high, with its unit."""
+        return _with_unit(self.elevation_number(value_m, height_m), self.length)
 
 
 METRIC = Units("m", "m²", "m³")

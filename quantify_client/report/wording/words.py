@@ -172,7 +172,14 @@ def floor_words(body: Body, units: Units) -> str:
         noun = "point" if floor.points == 1 else "points"
         points = f"{count(floor.points)} {noun} taken for it and left out"
     found = FLOORS.get(floor.found, printable(floor.found))
-    return f"Ground: {found}, at elevation {units.length_text(floor.elevation)}, {tilt}; {points}."
+    where = units.elevation_text(floor.elevation, _height(body))
+    return f"Ground: {found}, at elevation {where}, {tilt}; {points}."
+
+
+def _height(body: Body) -> float:
+    """Return how high a body's points reach above each other, metres; 0 without any."""
+    z = body.points[:, 2]
+    return float(z.max() - z.min()) if len(z) else 0.0
 
 
 def gap_words(body: Body, units: Units) -> str:
@@ -182,7 +189,7 @@ def gap_words(body: Body, units: Units) -> str:
     widest = max(body.gaps, key=lambda gap: gap.width)
     number_of = len(body.gaps)
     closed = "1 closed," if number_of == 1 else f"{count(number_of)} closed, the widest"
-    where = units.length_text(body.origin[2] + widest.z)
+    where = units.elevation_text(body.origin[2] + widest.z, _height(body))
     return f"Gaps: {closed} {gap_width(widest, units)} wide, at elevation {where}."
 
 
