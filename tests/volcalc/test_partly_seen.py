@@ -116,8 +116,13 @@ def test_a_ball_without_its_lowest_part_and_no_ground_is_bridged_as_it_curves() 
     assert result.volume_m3 == pytest.approx(made.volume, rel=0.03)  # closed flat: -6.1 %
     assert abs(result.volume_m3 - made.volume) < 1.96 * result.std_m3
     notice = next(one for one in result.warnings if one.code == "surface-completed")
-    assert notice.values["low_m3"] <= result.volume_m3 <= notice.values["high_m3"] * 1.02
+    low, high = notice.values["low_m3"], notice.values["high_m3"]
+    assert low <= result.volume_m3 <= high * 1.02
     assert result.checks == ()
+    # As docs/method.md has it.
+    share_of_volume = 0.09 * notice.values["share"] * (low + high) / 2.0
+    coverage = next(one.std_m3 for one in result.budget if one.source == "coverage")
+    assert coverage == pytest.approx(np.hypot(0.4 * (high - low), share_of_volume), rel=1e-9)
 
 
 @pytest.mark.one_python

@@ -65,8 +65,8 @@ _LID, _GHOST = 1, 2  # kinds of points: from ghosts on surfaces are unseen
 #: Standard deviation of the volume, as a share of what the completions differ by: 0.29 if it were
 #: anything between them, and nothing else; and of the unseen share of the surface times the volume,
 #: as two completions may agree by chance. Calibrated (method.md).
-_OF_SPREAD = 0.45
-_OF_SHARE = 0.04
+_OF_SPREAD = 0.4
+_OF_SHARE = 0.09
 
 #: A surface is partly seen where a larger share of it is lids over openings, a larger share of the
 #: volume lies below what was seen, where no upright foot goes on, or a larger share of its points
