@@ -10,6 +10,7 @@ from scans import apart, volume_of
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
+from quantify_client.volcalc.body import estimate
 from quantify_client.volcalc.body.facets import facets_of
 from quantify_client.volcalc.body.sections import BodySurface
 
@@ -181,3 +182,20 @@ def test_nothing_is_cut_off_along_an_edge_with_points_on_it():
     found = facets_of(surface, np.empty((0, 3, 3)))
     assert found.curvature == pytest.approx(3.0 * math.pi)
     assert found.along_share == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("ratios", [(0.5, 0.8), (2 / 3, 0.65)])
+def test_of_points_in_groups_facets_are_known_less_well(monkeypatch, ratios):
+    """As of vertices of marching cubes, however coarse the triangles of a third of them are."""
+    way = np.random.default_rng(2).normal(size=(6_000, 3))
+    points = 0.5 * way / np.linalg.norm(way, axis=1)[:, None]
+    facets = math.pi / 6.0 - ConvexHull(points).volume
+
+    def sampling_std():
+        budget = volume_of(points).budget
+        return next(one.std_m3 for one in budget if one.source == "sampling")
+
+    alone = sampling_std()
+    monkeypatch.setattr(estimate, "nearness", lambda _: ratios)
+    more = math.sqrt(sampling_std() ** 2 - alone**2)
+    assert more == pytest.approx(1.1 * 4 / 27 * facets, rel=0.1)

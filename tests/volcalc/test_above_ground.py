@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Optional
+
 import numpy as np
 import pytest
 from scans import OFFSET, volume_of
 
-from quantify_client.volcalc.body.above_ground import above_ground
-from quantify_client.volcalc.body.floor import stand
+from quantify_client.errors import InputError
+from quantify_client.volcalc.body import measure
+from quantify_client.volcalc.body.above_ground import AboveGround, above_ground
+from quantify_client.volcalc.body.floor import Standing, stand
 
 RADIUS, HEIGHT = 10.0, 1.5
 VOLUME = np.pi * RADIUS**2 * HEIGHT / 3.0  # of a cone
@@ -29,6 +34,18 @@ def test_a_flat_heap_is_what_lies_above_its_ground(noise: float) -> None:
     assert result.volume_m3 == pytest.approx(VOLUME, rel=0.005)
     assert abs(result.volume_m3 - VOLUME) < 2.6 * result.std_m3 < 0.02 * VOLUME
     assert sum(one.volume_m3 for one in result.slices) == pytest.approx(result.volume_m3)
+
+
+def test_what_is_no_higher_than_noise_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A blade on the ground was -0.00003 m3."""
+
+    def below_the_ground(standing: Standing) -> Optional[AboveGround]:
+        heap = above_ground(standing)
+        return heap and replace(heap, rest=-VOLUME)
+
+    monkeypatch.setattr(measure, "above_ground", below_the_ground)
+    with pytest.raises(InputError, match="no higher than the ground is uneven: -[0-9.]+ .- "):
+        volume_of(flat_cone(10_000, 0.03) + OFFSET)
 
 
 def test_ground_with_other_things_on_it_is_no_even_floor() -> None:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scans import OFFSET, Flaws, scan
 from solids import BODIES
 
-from quantify_client.volcalc.body.spacing import is_outlier
+from quantify_client.volcalc.body.spacing import is_outlier, nearness
 
 
 @pytest.mark.parametrize("count", [3000, 10_000])
@@ -70,3 +70,19 @@ def test_outliers_do_not_depend_on_place_order_or_scale(seed, power):
     order = rng.permutation(len(points))
     moved = (points[order] + [500_000, 4_500_000, 100]) * 2.0**power
     np.testing.assert_array_equal(is_outlier(moved), is_outlier(points)[order])
+
+
+def test_neighbours_tell_how_points_lie():
+    """At random the ratios are known in closed form; on a grid all neighbours are as near."""
+    rng = np.random.default_rng(3)
+    flat = np.column_stack([rng.random((40_000, 2)), np.zeros(40_000)])
+    assert nearness(flat + OFFSET) == pytest.approx((2 / 3, 4 / 5), abs=0.004)
+    x, y = np.meshgrid(np.arange(50.0), np.arange(50.0))
+    grid = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
+    assert nearness(grid) == pytest.approx((1.0, 1.0), abs=0.01)
+    pairs = np.vstack([flat[::2], flat[::2] + [1e-5, 0.0, 0.0]])
+    first, second = nearness(pairs)
+    assert first < 0.1
+    assert second > 0.8
+    threes = np.vstack([pairs, flat[::2] - [1e-5, 0.0, 0.0]])
+    assert nearness(threes)[1] < 0.1

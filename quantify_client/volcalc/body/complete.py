@@ -150,8 +150,9 @@ def complete(
     if not all(matter.any() for matter in bodies):
         return None
     empty = np.append(sure.sum(axis=0) > 0, False)
-    body = _enclosed(space, bodies[0], kind, volumes, empty, 0 if cameras is None else len(cameras))
-    body = replace(body, apart=_outside(space, bodies[0], standing.points, len(points)))
+    apart = _outside(space, bodies[0], standing.points, len(points))
+    unseen = len(apart) / len(standing.points), 0 if cameras is None else len(cameras)
+    body = replace(_enclosed(space, bodies[0], kind, volumes, empty, *unseen), apart=apart)
     return replace(standing, lid=np.empty((0, 3)), sure=0.0, unsure=0.0), body
 
 
@@ -161,9 +162,15 @@ def _enclosed(
     kind: IntArray,
     volumes: FloatArray,
     empty: npt.NDArray[np.bool_],
+    apart: float,
     cameras: int,
 ) -> Enclosed:
-    """Return a completion as a body, with what both and so many cameras make of it."""
+    """Return a completion as a body, with what both, and so many cameras, make of it.
+
+    Parameters
+    ----------
+    apart : share of the points outside of it: as much of the volume may be missing.
+    """
     border = border_faces(space, matter)
     unseen = open_faces(space, border) | (kind[space.faces[border]] >= _GHOST).any(axis=1)
     closing, area = border[unseen], space.face_areas(border)
@@ -183,7 +190,9 @@ def _enclosed(
             high=float(volumes.max()),
             shift=float(volumes.mean()) - own,
             std=math.hypot(
-                _OF_SPREAD * float(np.ptp(volumes)), _OF_SHARE * share * float(volumes.mean())
+                _OF_SPREAD * float(np.ptp(volumes)),
+                _OF_SHARE * share * float(volumes.mean()),
+                apart * float(volumes.mean()),
             ),
             cameras=cameras,
         ),

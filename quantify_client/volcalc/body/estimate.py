@@ -95,6 +95,11 @@ _OF_NEITHER = 1.1
 #: Most that e (1 - e)^2 is between points at random, 0, and even ones, 1.
 _MOST_NEITHER = 4.0 / 27.0
 
+#: What the ratios of distances to the nearest points are on average, of points at random on a
+#: surface; where one is smaller by this much, points are in pairs, groups or lines, and neither.
+_RATIOS_AT_RANDOM = (2.0 / 3.0, 4.0 / 5.0)
+_SHORT = 0.1
+
 #: As shares of the correction for noise, of half the skin over the root of the number of points,
 #: of half the skin beyond what clean edges make of it (about what facets cut off) where noise is in
 #: means of voxels, and of half the skin of thin walls.
@@ -205,15 +210,26 @@ class _Pattern:
 
     @classmethod
     def of(
-        cls, found: Facets, again: Optional[Enclosed], every: int, above: float, nearest: float
+        cls,
+        found: Facets,
+        again: Optional[Enclosed],
+        every: int,
+        above: float,
+        ratios: Tuple[float, float],
     ) -> _Pattern:
         """Return the pattern of all points, from their triangles and from those of some."""
         if again is None:
             return cls(math.inf, 0.0, _MOST_NEITHER, 0.0)
         ratio = facets_of(again.surface, _lids(again), above).coarseness / found.coarseness
         even = min(1.0, (ratio / every - 1.0) / (_EVEN - 1.0))
-        neither = min(_MOST_NEITHER, abs(even) * (1.0 - even) ** 2)
-        return cls(max(float(every), ratio), max(0.0, even), neither, _of_voxels(nearest))
+        short = max(at_random - own for at_random, own in zip(_RATIOS_AT_RANDOM, ratios))
+        neither = max(abs(even) * (1.0 - even) ** 2, _MOST_NEITHER * short / _SHORT)
+        return cls(
+            ratio=max(float(every), ratio),
+            even=max(0.0, even),
+            neither=min(_MOST_NEITHER, neither),
+            of_voxels=_of_voxels(ratios[0]),
+        )
 
     @property
     def means(self) -> float:

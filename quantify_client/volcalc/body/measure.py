@@ -215,12 +215,25 @@ def _heap(
     """Return a heap as what is above its ground, unless that is not what was asked for.
 
     A floor that was given need not be where the ground is; a crater that holds water is solid.
+
+    Raises
+    ------
+    InputError
+        It is no more than noise of the ground.
     """
     if recipe.floor not in ("auto", "plane") or recipe.max_gap is not None:
         return None
     if isinstance(body, Enclosed) and body.water > _ROUNDED * body.within:
         return None
-    return above_ground(standing)
+    heap = above_ground(standing)
+    if heap is not None and heap.body.within + heap.rest <= 0.0:
+        std = math.hypot(heap.outline_std, heap.sampling_std, heap.base_std)
+        raise InputError(
+            "what stands on the ground is no higher than the ground is uneven: "
+            f"{heap.body.within + heap.rest:.3g} +- {1.96 * std:.3g} m3 above its plane; expected "
+            "a body; give the elevation of its floor (--floor Z), or photograph it from nearer"
+        )
+    return heap
 
 
 def _enclose(points: FloatArray, lid: FloatArray, recipe: BodyRecipe) -> Union[Enclosed, Open]:

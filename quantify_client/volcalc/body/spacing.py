@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Tuple
+
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
@@ -31,15 +33,19 @@ def spacings(points: FloatArray) -> FloatArray:
     return away
 
 
-def nearness(points: FloatArray) -> float:
-    """Return the mean ratio of the nearest to the second nearest distance: how even points are.
+def nearness(points: FloatArray) -> Tuple[float, float]:
+    """Return the mean ratios of the nearest to the second, and of that to the third distance.
 
-    2/3 at random, 1 on a grid.
+    2/3 and 4/5 for points at random on a surface, 1 on a grid: of the nearest neighbours' distances
+    the squares, and of the next ones the fourth powers, have ratios that are even from 0 to 1.
+    Less tells of pairs, groups or lines (Holgate 1965).
     """
-    if len(points) < 3:
-        return 1.0
-    nearest, second = cKDTree(points).query(points, [2, 3])[0].T
-    return float(np.mean(nearest / np.maximum(second, np.finfo(float).tiny)))
+    if len(points) < 4:
+        return 1.0, 1.0
+    away = cKDTree(points).query(points, [2, 3, 4])[0]
+    ratios = away[:, :2] / np.maximum(away[:, 1:], np.finfo(float).tiny)
+    first, second = ratios.mean(axis=0).tolist()
+    return first, second
 
 
 def is_outlier(points: FloatArray) -> npt.NDArray[np.bool_]:
