@@ -119,10 +119,19 @@ def test_a_ball_without_its_lowest_part_and_no_ground_is_bridged_as_it_curves() 
     low, high = notice.values["low_m3"], notice.values["high_m3"]
     assert low <= result.volume_m3 <= high * 1.02
     assert result.checks == ()
-    # As docs/method.md has it.
-    share_of_volume = 0.09 * notice.values["share"] * (low + high) / 2.0
+
+
+@pytest.mark.parametrize(("cameras", "of_spread", "of_share"), [(None, 0.4, 0.09), (12, 0.3, 0.07)])
+def test_coverage_is_what_docs_say_it_is(cameras, of_spread, of_share) -> None:
+    around = 2 * np.pi * np.arange(12) / 12
+    ring = np.column_stack([4 * np.cos(around), 4 * np.sin(around), np.full(12, 2.0)]) + OFFSET
+    points = scan(sphere(), 4_000, 5, Flaws(missing=0.15))
+    result = volume_of(points, cameras=None if cameras is None else ring)
+    told = next(one.values for one in result.warnings if one.code == "surface-completed")
+    low, high = told["low_m3"], told["high_m3"]
     coverage = next(one.std_m3 for one in result.budget if one.source == "coverage")
-    assert coverage == pytest.approx(np.hypot(0.4 * (high - low), share_of_volume), rel=1e-9)
+    of_volume = of_share * told["share"] * (low + high) / 2.0
+    assert coverage == pytest.approx(np.hypot(of_spread * (high - low), of_volume), rel=1e-9)
 
 
 @pytest.mark.one_python

@@ -64,9 +64,10 @@ _LID, _GHOST = 1, 2  # kinds of points: from ghosts on surfaces are unseen
 
 #: Standard deviation of the volume, as a share of what the completions differ by: 0.29 if it were
 #: anything between them, and nothing else; and of the unseen share of the surface times the volume,
-#: as two completions may agree by chance. Calibrated (method.md).
-_OF_SPREAD = 0.4
-_OF_SHARE = 0.09
+#: as two completions may agree by chance. The second ones are for known cameras. Calibrated
+#: (method.md).
+_OF_SPREAD = (0.4, 0.3)
+_OF_SHARE = (0.09, 0.07)
 
 #: A surface is partly seen where a larger share of it is lids over openings, a larger share of the
 #: volume lies below what was seen, where no upright foot goes on, or a larger share of its points
@@ -190,8 +191,8 @@ def _enclosed(
             high=float(volumes.max()),
             shift=float(volumes.mean()) - own,
             std=math.hypot(
-                _OF_SPREAD * float(np.ptp(volumes)),
-                _OF_SHARE * share * float(volumes.mean()),
+                _OF_SPREAD[cameras > 0] * float(np.ptp(volumes)),
+                _OF_SHARE[cameras > 0] * share * float(volumes.mean()),
                 apart * float(volumes.mean()),
             ),
             cameras=cameras,

@@ -121,7 +121,10 @@ def _completed(unseen: Unseen, gaps: Sequence[Gap], place: _Place) -> Notice:
     if unseen.cameras:
         told = f"{unseen.cameras} positions of cameras told what is empty"
     else:
-        told = "as if cameras had stood all round it, since --cameras does not say where they did"
+        told = (
+            "as if cameras had stood all round it; to know where they did, --cameras FILE, makes "
+            "the error a quarter smaller"
+        )
     return Notice(
         "surface-completed",
         f"{unseen.share:.0%} of the surface was not seen{where}: completed as small and as large "
