@@ -51,7 +51,6 @@ def open_cloud(
     fetchers: Optional[Mapping[Path, Fetch]] = None,
     *,
     any_crs: bool = False,
-    fewest: int = _FEWEST,
 ) -> Cloud:
     """Open a point cloud: one file, or several tiles of one survey in any mix of formats.
 
@@ -64,7 +63,7 @@ def open_cloud(
     ------
     CloudError
         A file that is missing, unreadable, damaged, of an unknown kind, given twice, in another
-        CRS than the others; or fewer points in all than `fewest`.
+        CRS than the others; or fewer than 4 points in all.
     """
     files = [Path(path) for path in paths]
     if not files:
@@ -73,10 +72,21 @@ def open_cloud(
     clouds = [_open_one(path, (fetchers or {}).get(path)) for path in files]
     cloud = clouds[0] if len(clouds) == 1 else TiledCloud(clouds, any_crs=any_crs)
     count = cloud.info.point_count
-    if count is not None and count < fewest:
+    if count is not None and count < _FEWEST:
         held = "no points" if not count else f"only {count} point{'s' if count > 1 else ''}"
-        raise CloudError(f"{files[0]}: holds {held}; expected at least {fewest}")
+        raise CloudError(f"{files[0]}: holds {held}; expected at least {_FEWEST}")
     return without_placeholders(cloud, whole=not fetchers)
+
+
+def open_positions(path: Path) -> Cloud:
+    """Open a file of points that need not be a surface: any number of them, and at the origin, too.
+
+    Raises
+    ------
+    CloudError
+        A file that is missing, unreadable, damaged, or of an unknown kind.
+    """
+    return _open_one(path)
 
 
 def _open_one(path: Path, fetch: Optional[Fetch] = None) -> Cloud:

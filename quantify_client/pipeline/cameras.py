@@ -7,7 +7,7 @@ from typing import List, Optional
 
 import numpy as np
 
-from ..cloud import open_cloud
+from ..cloud import open_positions
 from ..crs import Frame
 from ..errors import ControlError, InputError
 from ..options import Options
@@ -56,7 +56,7 @@ def _of_file(path: Path) -> FloatArray:
             return _of_shots(path)
         except ControlError as error:
             raise InputError(str(error)) from error
-    chunks = [np.column_stack([c.x, c.y, c.z]) for c in open_cloud([path], fewest=1).chunks()]
+    chunks = [np.column_stack([c.x, c.y, c.z]) for c in open_positions(path).chunks()]
     return np.vstack([np.empty((0, 3)), *chunks])
 
 

@@ -234,7 +234,7 @@ def test_cameras_below_the_floor_are_left_out() -> None:
     cameras = np.array([[4.0, 0.0, 1.0], [0.0, 4.0, 1.0], [-4.0, 0.0, -1.0]]) + OFFSET
     notices = {one.code: one for one in volume_of(points, cameras=cameras).warnings}
     assert notices["surface-completed"].values["cameras"] == 2
-    assert str(notices["cameras-left-out"]).startswith("1 of 3 positions of cameras are below")
+    assert str(notices["cameras-left-out"]).startswith("1 of 3 camera positions were left")
 
 
 def test_hollow_and_max_gap_close_openings_as_they_say() -> None:

@@ -64,10 +64,12 @@ _LID, _GHOST = 1, 2  # kinds of points: from ghosts on surfaces are unseen
 
 #: Standard deviation of the volume, as a share of what the completions differ by: 0.29 if it were
 #: anything between them, and nothing else; and of the unseen share of the surface times the volume,
-#: as two completions may agree by chance. The second ones are for known cameras. Calibrated
-#: (method.md).
+#: as two completions may agree by chance. The second ones are for known cameras, at least as many
+#: as they were calibrated with (method.md), which see nearly all points.
 _OF_SPREAD = (0.4, 0.3)
 _OF_SHARE = (0.09, 0.07)
+_ENOUGH_CAMERAS = 12
+_EXPLAINED = 0.9
 
 #: A surface is partly seen where a larger share of it is lids over openings, a larger share of the
 #: volume lies below what was seen, where no upright foot goes on, or a larger share of its points
@@ -152,8 +154,11 @@ def complete(
         return None
     empty = np.append(sure.sum(axis=0) > 0, False)
     apart = _outside(space, bodies[0], standing.points, len(points))
-    unseen = len(apart) / len(standing.points), 0 if cameras is None else len(cameras)
-    body = replace(_enclosed(space, bodies[0], kind, volumes, empty, *unseen), apart=apart)
+    share, count = len(apart) / len(standing.points), 0 if cameras is None else len(cameras)
+    explained = np.mean(views.known[: len(standing.points)]) > _EXPLAINED
+    enough = bool(count >= _ENOUGH_CAMERAS and explained)
+    body = _enclosed(space, bodies[0], kind, volumes, empty, share, count, enough)
+    body = replace(body, apart=apart)
     return replace(standing, lid=np.empty((0, 3)), sure=0.0, unsure=0.0), body
 
 
@@ -165,12 +170,14 @@ def _enclosed(
     empty: npt.NDArray[np.bool_],
     apart: float,
     cameras: int,
+    enough: bool,
 ) -> Enclosed:
     """Return a completion as a body, with what both, and so many cameras, make of it.
 
     Parameters
     ----------
     apart : share of the points outside of it: as much of the volume may be missing.
+    enough : so many cameras are known that they took the cloud.
     """
     border = border_faces(space, matter)
     unseen = open_faces(space, border) | (kind[space.faces[border]] >= _GHOST).any(axis=1)
@@ -191,8 +198,8 @@ def _enclosed(
             high=float(volumes.max()),
             shift=float(volumes.mean()) - own,
             std=math.hypot(
-                _OF_SPREAD[cameras > 0] * float(np.ptp(volumes)),
-                _OF_SHARE[cameras > 0] * share * float(volumes.mean()),
+                _OF_SPREAD[enough] * float(np.ptp(volumes)),
+                _OF_SHARE[enough] * share * float(volumes.mean()),
                 apart * float(volumes.mean()),
             ),
             cameras=cameras,
@@ -203,14 +210,14 @@ def _enclosed(
 def _outside_of_box(standing: Standing, cameras: FloatArray) -> Optional[FloatArray]:
     """Return the cameras that may have stood where they are said to, None without any.
 
-    None stands below the floor, nor most of them within the box round the body: those are in other
-    coordinates than the cloud.
+    None stands below the floor. Where most are within the box round the body none counts: they are
+    in other coordinates than the cloud.
     """
+    cameras = cameras[np.isfinite(cameras).all(axis=1)]
     box = standing.points.min(axis=0), standing.points.max(axis=0)
     within = ((cameras > box[0]) & (cameras < box[1])).all(axis=1)
     above = cameras[:, 2] > (-np.inf if standing.pose is None else 0.0)
-    may = above & (np.mean(within | ~above) < 0.5)
-    return cameras[may] if may.any() else None
+    return cameras[above] if above.any() and np.mean(within) <= 0.5 else None
 
 
 def _outside(
@@ -246,10 +253,12 @@ def _views(
     if cameras is not None:
         some = np.linspace(0, len(cameras) - 1, min(len(cameras), _MOST_CAMERAS))
         cameras = cameras[np.round(some).astype(np.int64)]
-        places = np.vstack([cameras, places_all_round(standing.points, below)[0]])
+        places, known = cameras, 0
+        if np.median(cameras[:, 2]) >= standing.points[:, 2].min():  # they look down, as others do
+            places = np.vstack([cameras, places_all_round(standing.points, below)[0]])
+            known = len(cameras)
         unsure = np.arange(len(places)) >= len(cameras)
-        views = Views.of(seen, spacing, places, None, ground, len(cameras))
-        return views, unsure, False
+        return Views.of(seen, spacing, places, None, ground, known), unsure, False
     views = Views.of(seen, spacing, places_all_round(standing.points, below)[0], None, ground)
     below = standing.pose is None and bool(np.mean(views.seen[:count] == 0) > _UNDERSIDE)
     lowest = lowest_told(views.normals[:count])

@@ -22,13 +22,19 @@ from scipy.spatial import ConvexHull
 
 from ...types import FloatArray, IntArray
 from .patches import Patches
+from .spacing import spacings
 
 __all__ = ["HIGHEST", "Views", "lowest_told", "places_all_round"]
 
 #: Side of a depth image's pixels, in spacings: points of a surface leave no pixel between them out.
-#: Images from places where perhaps no camera stood are coarser: they take less for empty.
-_PIXEL = 1.0
+#: Of cameras that stood there the spacing is the one that so many points stay below: what is sparse
+#: leaves none out, either.
 _COARSE = 1.5
+_PIXEL = 1.0
+_SPARSE = 0.95
+
+#: Votes of places where perhaps no camera stood count for nothing beside those of cameras.
+_NO_CAMERA = 1e-6
 
 #: What is more pixels beside the line of sight, or behind the camera, is not in an image.
 _WIDEST = 600
@@ -209,11 +215,13 @@ class Views:
     ----------
     patches : of the points; their normals point to the outside.
     seen : (N,) int64, how many cameras see each.
+    known : (N,) True for points that a camera sees which did stand where it is.
     fair : (K,) False for cameras that look into the body through an opening, and are left out.
     """
 
     patches: Patches
     seen: IntArray
+    known: npt.NDArray[np.bool_]
     views: List[_View]
     fair: npt.NDArray[np.bool_]
 
@@ -241,7 +249,11 @@ class Views:
         known : at how many of the places, the first ones, a camera did stand.
         """
         patches = patches or Patches.of(points)
-        sides = spacing * np.where(np.arange(len(places)) < known, _PIXEL, _COARSE)
+        sides = np.full(len(places), _COARSE * spacing)
+        if known:
+            own = spacings(points[: len(points) - ground])
+            sides[:known] = _PIXEL * float(np.quantile(own, _SPARSE))
+        counts = np.where(np.arange(len(places)) < (known or len(places)), 1.0, _NO_CAMERA)
         views = [_View(place, points, float(side)) for place, side in zip(places, sides)]
         if ground:
             around = ConvexHull(points[:, :2]).equations
@@ -253,7 +265,7 @@ class Views:
         seen = np.array([view.sees(own) for view, own in zip(views, cosine)])
         fair = np.ones(len(views), dtype=bool)
         while True:
-            turned = patches.to_most((seen[fair] * cosine[fair]).sum(axis=0))
+            turned = patches.to_most(counts[fair] @ (seen[fair] * cosine[fair]))
             sign = (turned.normals * patches.normals).sum(axis=1)
             own = seen[:, : len(points) - ground]
             behind = (own & (sign * cosine < 0)[:, : own.shape[1]]).sum(axis=1)
@@ -263,7 +275,8 @@ class Views:
             fair &= ~into
         for number in np.flatnonzero(fair):
             views[number].judge(seen[number], sign * cosine[number], _BEFORE * spacing)
-        return cls(turned, seen[fair].sum(axis=0), views, fair)
+        by_known = seen[:known][fair[:known]].any(axis=0)
+        return cls(turned, seen[fair].sum(axis=0), by_known, views, fair)
 
     def empty(
         self, points: FloatArray, some: npt.NDArray[np.bool_], enough: int

@@ -102,7 +102,7 @@ def _openings(body: Enclosed, place: _Place, cameras: int, advice: str) -> Itera
             width_m=leak.width,
         )
     if body.unseen is not None:
-        yield _completed(body.unseen, body.gaps, place)
+        yield _completed(body.unseen, body.gaps, place, cameras)
         yield from _left_out(body.unseen, cameras)
     elif body.gaps:
         widest, number = body.gaps[0], len(body.gaps)
@@ -115,16 +115,15 @@ def _openings(body: Enclosed, place: _Place, cameras: int, advice: str) -> Itera
         )
 
 
-def _completed(unseen: Unseen, gaps: Sequence[Gap], place: _Place) -> Notice:
+def _completed(unseen: Unseen, gaps: Sequence[Gap], place: _Place, cameras: int) -> Notice:
     """Return that a part of the surface was not seen, and between what the volume may lie."""
     where = f" (the widest opening at {place(gaps[0])})" if gaps else ""
     if unseen.cameras:
-        told = f"{unseen.cameras} positions of cameras told what is empty"
+        told = "cameras whose positions are known told what is empty"
     else:
-        told = (
-            "as if cameras had stood all round it; to know where they did, --cameras FILE, makes "
-            "the error a quarter smaller"
-        )
+        told = "as if cameras had stood all round it"
+    if not cameras:
+        told += "; where they did, --cameras FILE, made errors of known bodies a quarter smaller"
     return Notice(
         "surface-completed",
         f"{unseen.share:.0%} of the surface was not seen{where}: completed as small and as large "
@@ -143,8 +142,8 @@ def _left_out(unseen: Unseen, cameras: int) -> Iterator[Notice]:
     if count > 0:
         yield Notice(
             "cameras-left-out",
-            f"{count:,} of {cameras:,} positions of cameras are below the floor, or most of them "
-            "within the body, and were left out; expected the cloud's own coordinates",
+            f"{count:,} of {cameras:,} camera positions were left out: below the floor, or, as "
+            "most are, within the body; give them in the cloud's own coordinates and unit",
             count=count,
         )
 
