@@ -15,7 +15,7 @@ from quantify_client import measure
 from quantify_client.errors import QuantifyError
 from quantify_client.types import Measurement
 
-POINTS = scan(sphere(), 5_000, 5, Flaws(missing=0.15))
+POINTS = scan(sphere(), 3_000, 5, Flaws(missing=0.15))
 MIDDLE = POINTS.mean(axis=0)
 AROUND = 2 * np.pi * np.arange(12) / 12
 RING = np.column_stack([4 * np.cos(AROUND), 4 * np.sin(AROUND), np.full(12, -0.2)]) + MIDDLE
@@ -82,6 +82,7 @@ def told(measurement: Measurement) -> Dict[str, Mapping[str, Any]]:
     return {one.code: one.values for one in measurement.results[0].warnings}
 
 
+@pytest.mark.one_python
 def test_it_is_told_how_many_cameras_count(cloud: Path, tmp_path: Path) -> None:
     without = measure(cloud, shape="object", source_unit="m")
     assert told(without)["surface-completed"]["cameras"] == 0
@@ -90,6 +91,7 @@ def test_it_is_told_how_many_cameras_count(cloud: Path, tmp_path: Path) -> None:
     assert "cameras-left-out" not in told(one)
 
 
+@pytest.mark.one_python
 def test_cameras_within_the_body_are_left_out(cloud: Path, tmp_path: Path) -> None:
     """Millimetres that are told for metres, say."""
     path = written(tmp_path / "cameras.txt", MIDDLE + (RING - MIDDLE) / 1000.0)

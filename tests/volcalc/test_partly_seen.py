@@ -121,11 +121,12 @@ def test_a_ball_without_its_lowest_part_and_no_ground_is_bridged_as_it_curves() 
     assert result.checks == ()
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize(("cameras", "of_spread", "of_share"), [(None, 0.4, 0.09), (12, 0.3, 0.07)])
 def test_coverage_is_what_docs_say_it_is(cameras, of_spread, of_share) -> None:
     around = 2 * np.pi * np.arange(12) / 12
     ring = np.column_stack([4 * np.cos(around), 4 * np.sin(around), np.full(12, 2.0)]) + OFFSET
-    points = scan(sphere(), 4_000, 5, Flaws(missing=0.15))
+    points = scan(sphere(), 2_500, 5, Flaws(missing=0.15))
     result = volume_of(points, cameras=None if cameras is None else ring)
     told = next(one.values for one in result.warnings if one.code == "surface-completed")
     low, high = told["low_m3"], told["high_m3"]
@@ -229,8 +230,9 @@ def test_the_tetrahedron_that_holds_a_point_is_found() -> None:
     )
 
 
+@pytest.mark.one_python
 def test_cameras_below_the_floor_are_left_out() -> None:
-    points = scan(sphere(), 4_000, 3, Flaws(ground=2.5, missing=0.15))
+    points = scan(sphere(), 2_500, 3, Flaws(ground=2.5, missing=0.15))
     cameras = np.array([[4.0, 0.0, 1.0], [0.0, 4.0, 1.0], [-4.0, 0.0, -1.0]]) + OFFSET
     notices = {one.code: one for one in volume_of(points, cameras=cameras).warnings}
     assert notices["surface-completed"].values["cameras"] == 2
