@@ -123,7 +123,7 @@ def _completed(unseen: Unseen, gaps: Sequence[Gap], place: _Place, cameras: int)
     else:
         told = "as if cameras had stood all round it"
     if not cameras:
-        told += "; where they did, --cameras FILE, made errors of known bodies a quarter smaller"
+        told += "; where they did, --cameras FILE, made errors of known bodies a tenth smaller"
     return Notice(
         "surface-completed",
         f"{unseen.share:.0%} of the surface was not seen{where}: completed as small and as large "
