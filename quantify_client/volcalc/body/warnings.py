@@ -119,7 +119,8 @@ def _completed(unseen: Unseen, gaps: Sequence[Gap], place: _Place, cameras: int)
     """Return that a part of the surface was not seen, and between what the volume may lie."""
     where = f" (the widest opening at {place(gaps[0])})" if gaps else ""
     if unseen.cameras:
-        told = "cameras whose positions are known told what is empty"
+        number = unseen.cameras
+        told = f"by {number:,} known camera position{'s' if number > 1 else ''}"
     else:
         told = "as if cameras had stood all round it"
     if not cameras:
