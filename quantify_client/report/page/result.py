@@ -23,7 +23,7 @@ from .markup import Markup, bar, details, facts, join, note, table, tag, tile
 __all__ = ["result_body"]
 
 SOURCES = {
-    "coverage": "what no point shows: gaps, and sides that nobody saw",
+    "coverage": "what no point shows: gaps, and what nobody saw",
     "scale": "how well the control knows the size of the whole cloud",
     "alignment": "how well it is known how the surveys lie on each other",
 }

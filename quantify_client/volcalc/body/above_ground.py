@@ -107,8 +107,7 @@ def above_ground(standing: Standing) -> Optional[AboveGround]:
     beside = away > _CLEAR * spacing + _FLANKS * flank
     inside = ~beside[triangles].all(axis=1)
     thirds = np.repeat(area[inside] / 3.0, 3)
-    weight: FloatArray = np.zeros(len(points))
-    weight += np.bincount(triangles[inside].ravel(), thirds, len(points))
+    weight = np.bincount(triangles[inside].ravel(), thirds, len(points)).astype(np.float64)
     ground = _ground(points, counts, beside, weight, standing.points[:, :2].mean(axis=0))
     if ground is None:
         return None
