@@ -52,6 +52,20 @@ def test_the_skin_is_as_thick_as_the_noise(noise):
     assert thin < 0.0005
 
 
+def test_points_that_the_surface_misses_count_by_how_far_they_are_from_it():
+    rng = np.random.default_rng(2)
+    away = np.column_stack([np.full(500, 0.75), *rng.uniform(-0.2, 0.2, (2, 500))])
+    found = enclose(np.vstack([scanned(SPHERE, 5000), away]), hollow=False, max_gap=None)
+    assert len(found.apart) == 500
+    expected = (np.linalg.norm(away, axis=1) - 0.5).sum() / 5500 * SPHERE.area
+    assert found.missed == pytest.approx(expected, rel=0.02)
+    assert enclosed(SPHERE, 5000).missed < 1e-4 * SPHERE.volume
+    assert enclosed(SPHERE, 5000, noise=0.01).missed < 1e-3 * SPHERE.volume
+    # A point stands for no more than twice its share of the volume.
+    found = enclose(np.vstack([scanned(SPHERE, 5000), 3 * away]), hollow=False, max_gap=None)
+    assert found.missed == pytest.approx(2 * 500 / 5500 * SPHERE.volume, rel=0.02)
+
+
 @pytest.mark.parametrize("hollow", [False, True])
 def test_a_void_is_body_unless_hollow(hollow):
     found = enclosed(HOLLOW_BALL, 5000, hollow)

@@ -51,6 +51,12 @@ def test_thin_walls_hold_too_much_by_how_deep_their_points_are_buried() -> None:
     assert found.outline_std == pytest.approx(np.hypot(1.5, 0.6))
 
 
+def test_points_that_the_surface_misses_make_the_interval_wide() -> None:
+    found = estimate(replace(BODY, missed=10.0), None, 1)
+    assert found.volume == pytest.approx(99.0)
+    assert found.sampling_std == pytest.approx(5.0)
+
+
 def test_other_walls_tell_nothing() -> None:
     assert is_same_body(BODY, replace(BODY, within=98.0))
     assert not is_same_body(BODY, replace(BODY, within=60.0))

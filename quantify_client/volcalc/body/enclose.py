@@ -28,6 +28,9 @@ _SKIN = 0.99
 #: which its skin holds.
 APART = 3.0
 
+#: Noise leaves hardly any point farther from the surface than this many times the skin's thickness.
+_NOISE = 6.0
+
 #: A sheet of points has less than this many spacings between its sides.
 SHEET = 0.5
 
@@ -40,8 +43,8 @@ class Unseen:
     ----------
     share : of the surface's area.
     low, high : the smallest and the largest volume that it was completed to, cubic metres.
-    shift : mean of these volumes less that of the body, cubic metres.
-    std : standard deviation of the mean, cubic metres.
+    shift : the most likely volume less that of the body, cubic metres.
+    std : standard deviation of the most likely volume, cubic metres.
     cameras : how many positions of cameras told of it.
     """
 
@@ -76,6 +79,7 @@ class Enclosed:
     unseen : of a body that was completed; else None.
     buried : of thin walls, mean depth of their points below the surface times its area, cubic
         metres.
+    missed : of other bodies, the same of points on neither side of it, beyond the depth of noise.
     """
 
     surface: BodySurface
@@ -93,6 +97,7 @@ class Enclosed:
     apart: IntArray
     unseen: Optional[Unseen] = None
     buried: float = 0.0
+    missed: float = 0.0
 
     @property
     def skin(self) -> float:
@@ -130,7 +135,9 @@ def enclose(points: FloatArray, *, hollow: bool, max_gap: Optional[float]) -> Un
         if _is_sheet(space, spaces.number > 0, spacing):
             return Open(spaces.leaks)
     body = enclosed_by(space, spaces, hollow=hollow, thin_walled=thin_walled)
-    return replace(body, buried=_buried(space, spaces, body)) if thin_walled else body
+    if thin_walled:
+        return replace(body, buried=_buried(space, spaces, body))
+    return replace(body, missed=_missed(space, spaces, body))
 
 
 def enclosed_by(
@@ -228,6 +235,19 @@ def _buried(space: Tetrahedra, spaces: Spaces, body: Enclosed) -> float:
     if body.water > 0.0:  # sides of walls below water are no surface of the body
         depth = depth[depths(points, body.surface) <= depth + 1e-9 * body.spacing]
     return float(depth.mean()) * body.surface.area() if len(depth) else 0.0
+
+
+def _missed(space: Tetrahedra, spaces: Spaces, body: Enclosed) -> float:
+    """Return how far points are from all surfaces, beyond noise, times the body's area, m3.
+
+    Its walls are too thin there, or a part of it encloses nothing, for points as sparse as these. A
+    point stands for no more than twice its share of the volume.
+    """
+    matter = spaces.depth[spaces.number] % 2 == 1
+    depth = depths(space.points, surface_of(space, np.where(matter, np.inf, -np.inf)))
+    area = body.surface.area()
+    beyond = np.maximum(depth * area - _NOISE * body.skin, 0.0)
+    return float(np.minimum(beyond, 2.0 * body.within).mean())
 
 
 def _is_sheet(space: Tetrahedra, matter: npt.NDArray[np.bool_], spacing: float) -> bool:

@@ -86,10 +86,10 @@ _TOO_DEEP = 0.5
 #: even. The first four are 1.4 times the most likely values for errors of bodies of known volume,
 #: since other bodies were off by that much more (docs/method.md).
 _OF_FACETS = 0.025
-_OF_CURVATURE = 0.28
-_OF_DIFFERENCE = 0.2
-_OF_EDGES = 0.08
-_OF_DEPTH = 0.15
+_OF_CURVATURE = 0.1
+_OF_DIFFERENCE = 0.14
+_OF_EDGES = 0.066
+_OF_DEPTH = 0.12
 _OF_NEITHER = 1.1
 
 #: Most that e (1 - e)^2 is between points at random, 0, and even ones, 1.
@@ -99,6 +99,9 @@ _MOST_NEITHER = 4.0 / 27.0
 #: surface; where one is smaller by this much, points are in pairs, groups or lines, and neither.
 _RATIOS_AT_RANDOM = (2.0 / 3.0, 4.0 / 5.0)
 _SHORT = 0.1
+
+#: Of what points are missed by: walls that are too thin for them, parts that enclose nothing.
+_OF_MISSED = 0.5
 
 #: As shares of the correction for noise, of half the skin over the root of the number of points,
 #: of half the skin beyond what clean edges make of it (about what facets cut off) where noise is in
@@ -173,6 +176,7 @@ def estimate(
             _OF_EDGES * found.along_share * found.whole,
             math.hypot(_OF_DEPTH * deep, either) * kept,
             _OF_NEITHER * pattern.neither * kept,
+            _OF_MISSED * body.missed,
         ),
         outline_std=math.hypot(
             _OF_NOISE * noise,

@@ -27,11 +27,11 @@ from .spacing import spacings
 __all__ = ["HIGHEST", "Views", "lowest_told", "places_all_round"]
 
 #: Side of a depth image's pixels, in spacings: points of a surface leave no pixel between them out.
-#: Of cameras that stood there the spacing is the one that so many points stay below: what is sparse
-#: leaves none out, either.
+#: Cameras that stood there show more. Points sparser than pixels are wide cover 2, 4 or 8 to either
+#: side: twice as many so many times.
 _COARSE = 1.5
 _PIXEL = 1.0
-_SPARSE = 0.95
+_MOST_DOUBLED = 3
 
 #: Votes of places where perhaps no camera stood count for nothing beside those of cameras.
 _NO_CAMERA = 1e-6
@@ -122,12 +122,15 @@ def lowest_told(normals: FloatArray) -> float:
 class _View:
     """The depth image of one camera.
 
-    ``shown`` are the points in the image. ``axes`` has its axes and the line of sight as columns;
-    ``corner`` is the number of its first pixel. Up to ``empty`` metres away there is nothing in a
-    pixel (-inf: nobody knows); ``beyond`` is True where it shows nothing at all.
+    ``reach`` are the pixels that each point covers to either side of its own; ``shown`` are the
+    points in the image. ``axes`` has its axes and the line of sight as columns; ``corner`` is the
+    number of its first pixel. Up to ``empty`` metres away there is nothing in a pixel (-inf: nobody
+    knows); ``beyond`` is True where it shows nothing at all.
     """
 
-    def __init__(self, place: FloatArray, points: FloatArray, pixel: float) -> None:
+    def __init__(
+        self, place: FloatArray, points: FloatArray, pixel: float, reach: IntArray
+    ) -> None:
         sight = 0.5 * (points.min(axis=0) + points.max(axis=0)) - place
         away = float(np.linalg.norm(sight))
         sight = sight / away
@@ -135,7 +138,7 @@ class _View:
         if np.linalg.norm(side) < 1e-6:
             side = np.array([1.0, 0.0, 0.0])
         side /= np.linalg.norm(side)
-        self.place, self.pixel = place, pixel / away
+        self.place, self.pixel, self.reach = place, pixel / away, reach
         self.axes = np.column_stack([side, np.cross(sight, side), sight])
         pixels, self.depth = self.project(points)
         self.shown = (np.abs(pixels) < _WIDEST).all(axis=1)
@@ -156,16 +159,19 @@ class _View:
         return np.floor(pixels).astype(np.int64), depth
 
     def image(self, some: npt.NDArray[np.bool_]) -> FloatArray:
-        """Return the nearest of some points in each pixel and those beside it, inf without any."""
-        image = np.full(self.size, np.inf)
+        """Return the nearest of some points that cover each pixel, inf without any."""
+        nearest = np.full(self.size, np.inf)
         some = some & self.shown
-        np.minimum.at(image, tuple(self.pixels[some].T), self.depth[some])
-        return np.asarray(minimum_filter(image, 3))
+        for reach in np.unique(self.reach[some]):
+            own, image = some & (self.reach == reach), np.full(self.size, np.inf)
+            np.minimum.at(image, tuple(self.pixels[own].T), self.depth[own])
+            nearest = np.minimum(nearest, minimum_filter(image, 2 * reach + 1))
+        return nearest
 
     def sees(self, cosine: FloatArray) -> npt.NDArray[np.bool_]:
         """(N,) True for points that nothing hides: a slant surface is deeper at one side."""
         slope = np.sqrt(np.maximum(1.0 - cosine**2, 0.0)) / np.maximum(np.abs(cosine), 0.05)
-        reach = self.pixel * self.depth * np.minimum(0.5 + 2.0 * slope, 4.0)
+        reach = self.reach * self.pixel * self.depth * np.minimum(0.5 + 2.0 * slope, 4.0)
         return np.asarray(self.shown & (self.depth <= self.nearest[tuple(self.pixels.T)] + reach))
 
     def meet(self, around: FloatArray) -> None:
@@ -205,6 +211,12 @@ class _View:
         before[within] = depth[within] < self.empty[place]
         beyond[within] = self.beyond[place]
         return before, beyond
+
+
+def _reach(apart: FloatArray, pixel: float) -> IntArray:
+    """(N,) pixels that points so far apart cover to either side: 1, 2, 4 or 8."""
+    doubled = np.round(np.log2(np.maximum(apart / pixel, 1.0)))
+    return np.asarray(2 ** np.minimum(doubled, _MOST_DOUBLED).astype(np.int64))
 
 
 @dataclass
@@ -249,12 +261,12 @@ class Views:
         known : at how many of the places, the first ones, a camera did stand.
         """
         patches = patches or Patches.of(points)
-        sides = np.full(len(places), _COARSE * spacing)
-        if known:
-            own = spacings(points[: len(points) - ground])
-            sides[:known] = _PIXEL * float(np.quantile(own, _SPARSE))
         counts = np.where(np.arange(len(places)) < (known or len(places)), 1.0, _NO_CAMERA)
-        views = [_View(place, points, float(side)) for place, side in zip(places, sides)]
+        apart = spacings(points)
+        views = []
+        for number, place in enumerate(places):
+            pixel = spacing * (_PIXEL if number < known else _COARSE)
+            views.append(_View(place, points, pixel, _reach(apart, pixel)))
         if ground:
             around = ConvexHull(points[:, :2]).equations
             for view in views:

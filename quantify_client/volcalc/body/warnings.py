@@ -128,8 +128,9 @@ def _completed(unseen: Unseen, gaps: Sequence[Gap], place: _Place, cameras: int)
     return Notice(
         "surface-completed",
         f"{unseen.share:.0%} of the surface was not seen{where}: completed as small and as large "
-        f"as is plausible it encloses {unseen.low:.4g} and {unseen.high:.4g} m3 ({told}), and the "
-        "mean counts; photographs of these sides, or from lower down, make the error smaller",
+        f"as is plausible it encloses {unseen.low:.4g} and {unseen.high:.4g} m3 ({told}), and what "
+        "lies between counts; photographs of these sides, or from lower down, make the error "
+        "smaller",
         share=unseen.share,
         low_m3=unseen.low,
         high_m3=unseen.high,
