@@ -262,10 +262,9 @@ class Views:
         """
         patches = patches or Patches.of(points)
         counts = np.where(np.arange(len(places)) < (known or len(places)), 1.0, _NO_CAMERA)
-        apart = spacings(points)
-        views = []
-        for number, place in enumerate(places):
-            pixel = spacing * (_PIXEL if number < known else _COARSE)
+        apart, views = spacings(points), []
+        for k, place in enumerate(places):
+            pixel = spacing * (_PIXEL if k < known else _COARSE)
             views.append(_View(place, points, pixel, _reach(apart, pixel)))
         if ground:
             around = ConvexHull(points[:, :2]).equations
