@@ -70,6 +70,30 @@ def test_bodies_on_a_floor_are_not():
     assert share(ball(20_000, 1.0, rng)) is None
 
 
+@pytest.mark.parametrize("height", [0.6, 1.0, 2.0])
+@pytest.mark.parametrize("noise", [0.0, 0.02, 0.05])
+def test_a_gentle_heap_of_few_points_on_little_ground_is_one(height, noise, tmp_path):
+    """It hardly rises by a spacing within many of them, and a plane through both has more points."""
+    points = heap(5_000, 12.0, 10.0, height, noise, seed=5)
+    assert share(points) > 0.99
+    path = write_ply(tmp_path / "heap.ply", points + OFFSET)
+    truth = math.pi * 10.0**2 * height / 3.0
+    for shape in ("auto", "object"):
+        (result,) = quantify_client.measure(path, source_unit="m", shape=shape).results
+        assert result.volume_m3 == pytest.approx(truth, rel=0.01 + 0.4 * noise / height)
+        assert abs(result.volume_m3 - truth) < 2.6 * result.std_m3
+
+
+def test_a_heap_of_too_few_points_for_its_own_outline_is_measured_in_one_around_it(tmp_path):
+    path = write_ply(tmp_path / "heap.ply", heap(4_000, 17.0, 10.0, 2.4, 0.0) + OFFSET)
+    found = quantify_client.measure(path, source_unit="m")
+    (result,) = found.results
+    truth = math.pi * 10.0**2 * 2.4 / 3.0
+    assert result.area_m2 < 0.5 * 34.0**2
+    assert result.volume_m3 == pytest.approx(truth, rel=0.005)
+    assert "in an outline around it" in next(w for w in found.warnings if "seen from above" in w)
+
+
 @pytest.mark.parametrize("form", HEAPS)
 def test_a_heap_without_a_crs_is_measured_as_terrain_and_told(form, tmp_path):
     half, radius, height, noise = form

@@ -282,23 +282,23 @@ def _measured_in(
     try:
         return measure_whole_body(source, frame, options, report)
     except HeapFoundError as heap:
-        share = heap.share
+        share, outline = heap.share, heap.outline
     from .terrain import measure_areas
 
-    terrain = replace(options, shape="terrain")
+    terrain, where = replace(options, shape="terrain"), "the outline that was found (--area auto)"
     try:
         found = measure_areas(source, frame, replace(terrain, area=AUTO), report)
-    except SupportError:  # nothing that an outline could be drawn around
-        found = measure_areas(source, frame, terrain, report)
-    return replace(found, warnings=(*found.warnings, _taken_for_terrain(share)))
+    except SupportError:  # its points are too few to draw its own
+        where = "an outline around it, on clear ground"
+        found = measure_areas(source, frame, terrain, report, outline=outline)
+    return replace(found, warnings=(*found.warnings, _taken_for_terrain(share, where)))
 
 
-def _taken_for_terrain(share: float) -> Notice:
+def _taken_for_terrain(share: float, where: str) -> Notice:
     return Notice(
         "taken-for-terrain",
         f"{share:.0%} of what stands on the ground is seen from above, and the ground goes on "
-        "around it: a heap, measured as terrain in the outline that was found (--area auto); "
-        "--shape object measures it as a body",
+        f"around it: a heap, measured as terrain in {where}; --shape object measures it as a body",
         share=share,
     )
 

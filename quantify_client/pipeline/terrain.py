@@ -22,7 +22,7 @@ from typing import (
 
 import shapely
 
-from ..areas.read import Area, far_corner_problem
+from ..areas.read import Area, AreaSet, far_corner_problem
 from ..crs import Frame
 from ..errors import QuantifyError, SupportError, UsageError
 from ..options import AUTO, DEFAULT_BASE, proposes
@@ -123,12 +123,14 @@ def measure_areas(
     options: Options,
     report: Progress,
     base_in: Optional[BaseIn] = None,
+    outline: Optional[shapely.Geometry] = None,
 ) -> Measurement:
     """Measure each area that is drawn or proposed, or the whole cloud.
 
     Parameters
     ----------
     base_in : gives the base, where that is a surface from a file.
+    outline : what to measure of the whole cloud, metres in the frame.
     """
     given = None if base_in is None else base_in(source, frame)
     box = bounds_in_frame(source, frame)
@@ -137,7 +139,7 @@ def measure_areas(
         raise UsageError("--base ground goes with areas that were drawn: not with --area auto")
     if options.toe is not None and (options.area is None or proposes(options.area)):
         raise UsageError("--toe moves outlines that were drawn; give them by --area")
-    if options.area is None:
+    if options.area is None and outline is None:
         site, warnings = _whole(source, frame, box, options, report)
         if given is not None:
             site = _over(given, site)
@@ -147,6 +149,8 @@ def measure_areas(
     else:
         if proposes(options.area):
             drawn = proposed_areas(source, frame, box, options, report)
+        elif outline is not None:
+            drawn = Drawn(AreaSet((Area(source.stem, outline),), ()))
         else:
             drawn = Drawn(drawn_areas(source, frame, options, report))
         parts = separated(drawn)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scans import OFFSET, volume_of
-from solids import cup
+from solids import cup, sphere
 
 from quantify_client.volcalc.body.buried import depths
 from quantify_client.volcalc.body.sections import BodySurface
@@ -37,3 +37,18 @@ def test_thin_walls_are_right_to_their_interval(
     assert result.volume_m3 == pytest.approx(truth, rel=0.03)
     assert abs(result.volume_m3 - truth) < 2.5 * result.std_m3
     assert "walls-too-thin" in {notice.code for notice in result.warnings}
+
+
+@pytest.mark.parametrize("noise", [0.1, 0.3])
+def test_noise_of_a_single_surface_may_be_no_body_at_all(noise: float) -> None:
+    rng = np.random.default_rng(1)
+    flat = np.column_stack([rng.uniform(-12, 12, (10_000, 2)), rng.normal(0, noise, 10_000)])
+    result = volume_of(flat + OFFSET, floor="none")
+    assert "walls-too-thin" in {notice.code for notice in result.warnings}
+    assert abs(result.volume_m3) < 1.96 * result.std_m3
+
+
+@pytest.mark.parametrize("count", [30, 50])
+def test_what_a_few_points_cut_off_of_a_ball_is_in_the_interval(count: int) -> None:
+    result = volume_of(sphere().surface(count, np.random.default_rng(count)) + OFFSET)
+    assert abs(result.volume_m3 - np.pi / 6) < 2.6 * result.std_m3

@@ -38,7 +38,7 @@ from .spaces import OPEN
 from .spacing import spacings
 from .tetrahedra import connected
 
-__all__ = ["AboveGround", "above_ground"]
+__all__ = ["AboveGround", "above_ground", "clear_from"]
 
 #: Ground is clear of what stands on it beyond this many spacings, and this many times the width of
 #: the part of a mean flank that lies within the ground's noise.
@@ -48,6 +48,9 @@ _FLANKS = 2.0
 #: Ground on which a larger share of the points above it is elsewhere is no even floor: as what
 #: points outside of a body are told from.
 _ELSEWHERE = 0.005
+
+#: A thing rises to more than this many times what noise of the ground does.
+_RISES = 2.0
 
 #: Sectors of the ground around, and how many of them must hold a few points for a plane.
 _SECTORS = 8
@@ -96,15 +99,14 @@ def above_ground(standing: Standing) -> Optional[AboveGround]:
     spacing = float(np.median(spacings(everything)))
     points, counts, of_heap = _merged(standing, everything, spacing)
     tin = Delaunay(points[:, :2])
-    if _elsewhere(tin, counts, of_heap) > _ELSEWHERE:
+    rises = points[:, 2] > _RISES * standing.sure
+    if _elsewhere(tin, counts, of_heap, rises) > _ELSEWHERE:
         return None
     triangles = _turned_left(points, tin.simplices)
     area = _areas(points, triangles)
     away = cKDTree(points[of_heap, :2]).query(points[:, :2])[0]
     covered = float(area[of_heap[triangles].all(axis=1)].sum())
-    highest = float(standing.points[:, 2].max())
-    flank = standing.sure * math.sqrt(covered / math.pi) / highest
-    beside = away > _CLEAR * spacing + _FLANKS * flank
+    beside = away > clear_from(standing, covered, spacing)
     inside = ~beside[triangles].all(axis=1)
     thirds = np.repeat(area[inside] / 3.0, 3)
     weight = np.bincount(triangles[inside].ravel(), thirds, len(points)).astype(np.float64)
@@ -126,17 +128,34 @@ def above_ground(standing: Standing) -> Optional[AboveGround]:
     )
 
 
-def _elsewhere(tin: Delaunay, counts: IntArray, of_heap: npt.NDArray[np.bool_]) -> float:
+def clear_from(standing: Standing, area: float, spacing: float) -> float:
+    """Return how far from a heap's points ground is clear of its foot, metres.
+
+    Parameters
+    ----------
+    area : that the heap covers, square metres.
+    spacing : of all points, metres.
+    """
+    flank = standing.sure * math.sqrt(area / math.pi) / float(standing.points[:, 2].max())
+    return _CLEAR * spacing + _FLANKS * flank
+
+
+def _elsewhere(
+    tin: Delaunay,
+    counts: IntArray,
+    of_heap: npt.NDArray[np.bool_],
+    rises: npt.NDArray[np.bool_],
+) -> float:
     """Return the share of the points above the ground that are parts of other things.
 
-    A few points that hang together are the ground's noise, and no thing.
+    Few points that hang together, or none of which `rises`, are the ground's noise, and no thing.
     """
     start, neighbour = tin.vertex_neighbor_vertices
     point = np.repeat(np.arange(len(counts)), np.diff(start))
     both = of_heap[point] & of_heap[neighbour]
     part = connected(point[both], neighbour[both].astype(np.int64), len(counts))[of_heap]
     held, size = np.bincount(part, counts[of_heap]), np.bincount(part)
-    things = held[size >= _FEWEST]
+    things = held[(size >= _FEWEST) & (np.bincount(part, rises[of_heap]) > 0)]
     return float((things.sum() - things.max(initial=0.0)) / held.sum())
 
 

@@ -117,6 +117,12 @@ _OF_THIN_WALLS = 0.01
 _OF_BURIED = 0.85
 _OF_BURIED_STD = 0.15
 
+#: Points of a single surface lie all through the noise that is taken for two walls: evenly spread
+#: ones would be a quarter of the thickness below either side, half the volume. Where they lie like
+#: that there may be no volume at all. Chosen: evidence counts by its fourth power.
+_BURIED_IN_NOISE = 2.0
+_OF_SHEET = 0.6
+
 #: Water stands within this many spacings of the rim of thin walls, which few points show (standard
 #: deviation, chosen: as for the lowest points of a body).
 _RIM = 0.25
@@ -191,8 +197,16 @@ def _of_thin_walls(body: Enclosed) -> Estimate:
     of_rim = 0.0
     if body.water > 0.0:
         of_rim = _RIM * body.spacing / (body.surface.highest - body.surface.lowest) * body.water
-    std = math.hypot(_OF_BURIED_STD * body.buried, 2.0 * _OF_THIN_WALLS * body.skin, of_rim)
-    return Estimate(body.within - _OF_BURIED * body.buried, 0.0, std)
+    volume = body.within - _OF_BURIED * body.buried
+    spread = min(1.0, _BURIED_IN_NOISE * body.buried / body.within)
+    outline_std = math.hypot(
+        _OF_BURIED_STD * body.buried,
+        2.0 * _OF_THIN_WALLS * body.skin,
+        of_rim,
+        _OF_SHEET * spread**4 * volume,
+    )
+    # As much is cut off inside as outside, where both were seen.
+    return Estimate(volume, facets_of(body.surface, _lids(body)).local, outline_std)
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,12 @@ _MOST_STEPS = 2000
 
 _FEWEST = 7  # points that may be a body
 
+#: Ground is looked for within so many spacings of planes: what hardly rises by one hides it.
+_WITHIN = (1.0, 0.25, 0.0625)
+
+#: What rises less than this many times the reach of ground is part of what that is found from.
+_RISES = 3.0
+
 #: Largest tilt of ground that is found without being asked for, degrees.
 _STEEPEST = 60.0
 
@@ -165,15 +171,26 @@ def _plane(
     spacing = float(np.median(spacings(points)))
     if not isinstance(floor, str):
         return FloorPlane(np.array([0.0, 0.0, 1.0]), float(floor), _GIVEN_REACH * spacing), "given"
-    plane = find_plane(points, spacing, _STEEPEST if floor == "auto" else 180.0)
-    if floor == "auto" and plane is not None and not is_ground(points, plane, spacing, counts):
-        plane = None
+    auto = floor == "auto"
+    plane = _ground(points, counts, spacing) if auto else find_plane(points, spacing)
     if floor == "plane" and plane is None:
         raise InputError(
             "no plane in the cloud has all else on one side of it: give the floor's elevation "
             "(--floor Z), or --floor none for a body seen from below"
         )
     return plane and clear_of_body(points, plane, spacing), "in the cloud"
+
+
+def _ground(points: FloatArray, counts: IntArray, spacing: float) -> Optional[FloorPlane]:
+    """Return the first plane that is ground, rather one that what stands on it rises out of."""
+    first = None
+    for within in _WITHIN:
+        plane = find_plane(points, spacing, _STEEPEST, within)
+        if plane is not None and is_ground(points, plane, spacing, counts):
+            if float(plane.height(points).max()) > _RISES * plane.reach:
+                return plane
+            first = first or plane
+    return first
 
 
 def lid(points: FloatArray, level: float, upto: float, spacing: float) -> FloatArray:

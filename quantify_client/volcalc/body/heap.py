@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import Optional
+from typing import Any, Optional
 
 import numpy as np
+import shapely
 
+from .above_ground import clear_from
 from .floor import Standing
 from .plane import columns
 from .spacing import spacings
 
-__all__ = ["HeapFoundError", "heap_share", "seen_from_above"]
+__all__ = ["HeapFoundError", "around", "heap_share", "seen_from_above"]
 
 #: What is seen from above by more than this share, on ground that goes on around it, is a heap: of
 #: a ball or a cube on a floor it is less than half, of half a ball nine tenths.
@@ -27,12 +29,22 @@ _STEEP = math.radians(60.0)
 class HeapFoundError(Exception):
     """The cloud shows a heap on its ground, and the shape was left to be found.
 
-    `share` of it is seen from above.
+    Attributes
+    ----------
+    share : of it that is seen from above.
+    outline : shapely Polygon on the ground around it, metres in the measuring frame.
     """
 
-    def __init__(self, share: float) -> None:
+    def __init__(self, share: float, outline: Any) -> None:
         super().__init__(share)
-        self.share = share
+        self.share, self.outline = share, outline
+
+
+def around(standing: Standing) -> Any:
+    """Return a shapely Polygon around a heap, on ground clear of it, in the cloud's x and y."""
+    spacing = float(np.median(spacings(standing.points)))
+    hull = shapely.convex_hull(shapely.multipoints(standing.as_found(standing.points)[:, :2]))
+    return hull.buffer(clear_from(standing, hull.area, spacing))
 
 
 def heap_share(standing: Standing) -> Optional[float]:

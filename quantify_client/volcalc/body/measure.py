@@ -9,6 +9,7 @@ from typing import Callable, Optional, Tuple, Union
 
 import numpy as np
 import numpy.typing as npt
+import shapely
 
 from ...errors import InputError
 from ...types import AreaResult, Body, BudgetItem, Check, FloatArray, Floor, Gap, Slice
@@ -19,7 +20,7 @@ from .enclose import Enclosed, Open, enclose
 from .estimate import RESAMPLED, Estimate, closing_std, estimate, hidden_volume, is_same_body
 from .floor import Standing, on_lowest_points, stand
 from .foot import SOUND, Foot, find_foot
-from .heap import HeapFoundError, heap_share
+from .heap import HeapFoundError, around, heap_share
 from .occupancy import cover, occupancy_volume
 from .voxels import Merged, Thinned
 from .warnings import body_warnings, why_open
@@ -162,6 +163,10 @@ class _LocalFrame:
         """(N, 3) points of the measuring frame in this one."""
         return (points - self.origin) / self.scale
 
+    def undo_flat(self, xy: FloatArray) -> FloatArray:
+        """(N, 2) places of this frame in the measuring frame."""
+        return xy * self.scale[:2] + self.origin[:2]
+
     def in_frame(self, floor: Optional[Floor]) -> Optional[Floor]:
         """Return a floor with its elevation in the measuring frame."""
         return floor and replace(floor, elevation=floor.elevation + float(self.origin[2]))
@@ -191,7 +196,7 @@ def _enclosed(
     standing = stand(local.apply(cloud.points), cloud.counts, floor)
     share = heap_share(standing)
     if unless_heap and share is not None:
-        raise HeapFoundError(share)
+        raise HeapFoundError(share, shapely.transform(around(standing), local.undo_flat))
     body = _enclose(standing.points, standing.lid, recipe)
     heap = None if share is None else _heap(standing, body, recipe)
     if heap is not None:
@@ -223,7 +228,7 @@ def _heap(
     """
     if recipe.floor not in ("auto", "plane") or recipe.max_gap is not None:
         return None
-    if isinstance(body, Enclosed) and body.water > _ROUNDED * body.within:
+    if isinstance(body, Enclosed) and body.water > _ROUNDED * body.within and not body.thin_walled:
         return None
     heap = above_ground(standing)
     if heap is not None and heap.body.within + heap.rest <= 0.0:

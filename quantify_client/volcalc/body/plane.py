@@ -35,6 +35,9 @@ _BESIDE = 0.3
 #: Ground lies within this many of its standard deviations ...
 _SIGMAS = 4.0
 
+#: (of which it is found by fewer where what stands on it may hide it) ...
+_CLIPPED = 2.5
+
 #: ... which are not more than this many point spacings, nor than this share of the plane's
 #: narrower extent (standard deviation); a rounder face is no plane.
 _ROUGH = 10.0
@@ -66,7 +69,9 @@ class FloorPlane:
         return np.asarray(points @ self.normal - self.offset)
 
 
-def find_plane(points: FloatArray, spacing: float, steepest: float = 180.0) -> Optional[FloorPlane]:
+def find_plane(
+    points: FloatArray, spacing: float, steepest: float = 180.0, within: float = 1.0
+) -> Optional[FloorPlane]:
     """Return the plane with most points among those that support all others, or None.
 
     Parameters
@@ -74,6 +79,7 @@ def find_plane(points: FloatArray, spacing: float, steepest: float = 180.0) -> O
     points : (N, 3) float64, metres, in an order that does not depend on the file's.
     spacing : of the points, metres.
     steepest : largest angle between the plane's normal and the vertical, degrees.
+    within : of a plane, spacings: less where what stands on it is hardly higher than a spacing.
     """
     rng = np.random.default_rng(0)
     some = points[rng.choice(len(points), min(_SAMPLE, len(points)), replace=False)]
@@ -84,22 +90,25 @@ def find_plane(points: FloatArray, spacing: float, steepest: float = 180.0) -> O
         if length < 1e-9 * spacing**2:
             continue
         height = (some - a) @ (normal / length)
-        near = np.abs(height) < spacing
+        near = np.abs(height) < within * spacing
         on = int(np.count_nonzero(near))
         below, above = np.mean(height < -spacing), np.mean(height > spacing)
         rise = math.copysign(normal[2] / length, normal[2] * (above - below))
         if on > most and min(below, above) < _BELOW and rise >= math.cos(math.radians(steepest)):
             best, most = near, on
-    return None if best is None else _refined(points, some[best], spacing)
+    return None if best is None else _refined(points, some[best], spacing, within)
 
 
-def _refined(points: FloatArray, on: FloatArray, spacing: float) -> Optional[FloorPlane]:
+def _refined(
+    points: FloatArray, on: FloatArray, spacing: float, within: float
+) -> Optional[FloorPlane]:
     """Return the plane fitted to all points near a first one; None if points lie on both sides."""
     for _ in range(4):
         middle, normal, spread = _fit(on)
         height = (points - middle) @ normal
-        reach = max(_SIGMAS * spread, _LEAST_REACH * spacing)
-        on = points[np.abs(height) < max(reach, 0.5 * spacing)]
+        upto = _SIGMAS if within == 1.0 else _CLIPPED
+        on = points[np.abs(height) < max(upto * spread, 0.5 * within * spacing)]
+    reach = max(_SIGMAS * spread, _LEAST_REACH * spacing)
     if np.mean(height < -reach) > np.mean(height > reach):
         normal, height = -normal, -height
     wide = float(np.linalg.svd(on - on.mean(axis=0), compute_uv=False)[1]) / math.sqrt(len(on))
