@@ -71,16 +71,16 @@ def test_bodies_on_a_floor_are_not():
 
 
 @pytest.mark.parametrize("height", [0.6, 1.0, 2.0])
-@pytest.mark.parametrize("noise", [0.0, 0.02, 0.05])
+@pytest.mark.parametrize("noise", [0.0, 0.02, 0.04])
 def test_a_gentle_heap_of_few_points_on_little_ground_is_one(height, noise, tmp_path):
-    """It hardly rises by a spacing within many of them, and a plane through both has more points."""
+    """It rises little between neighbours, and a plane through it and its ground has more points."""
     points = heap(5_000, 12.0, 10.0, height, noise, seed=5)
     assert share(points) > 0.99
     path = write_ply(tmp_path / "heap.ply", points + OFFSET)
     truth = math.pi * 10.0**2 * height / 3.0
     for shape in ("auto", "object"):
         (result,) = quantify_client.measure(path, source_unit="m", shape=shape).results
-        assert result.volume_m3 == pytest.approx(truth, rel=0.01 + 0.4 * noise / height)
+        assert result.volume_m3 == pytest.approx(truth, rel=0.03)
         assert abs(result.volume_m3 - truth) < 2.6 * result.std_m3
 
 

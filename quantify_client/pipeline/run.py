@@ -285,12 +285,15 @@ def _measured_in(
         share, outline = heap.share, heap.outline
     from .terrain import measure_areas
 
-    terrain, where = replace(options, shape="terrain"), "the outline that was found (--area auto)"
+    terrain, where = replace(options, shape="terrain"), "an outline around it, on clear ground"
     try:
-        found = measure_areas(source, frame, replace(terrain, area=AUTO), report)
-    except SupportError:  # its points are too few to draw its own
-        where = "an outline around it, on clear ground"
+        if outline is None:
+            where = "the outline that was found (--area auto)"
+            terrain = replace(terrain, area=AUTO)
         found = measure_areas(source, frame, terrain, report, outline=outline)
+    except SupportError:  # nothing that an outline could be drawn around
+        where = "all of the cloud"
+        found = measure_areas(source, frame, replace(terrain, area=None), report)
     return replace(found, warnings=(*found.warnings, _taken_for_terrain(share, where)))
 
 

@@ -48,7 +48,10 @@ def test_thin_walls_hold_too_much_by_how_deep_their_points_are_buried() -> None:
     assert found.outline_std == pytest.approx(0.6)
     found = estimate(replace(BODY, inner=60.0, thin_walled=True, buried=10.0), None, 1)
     assert found.volume == pytest.approx(99.0 - 8.5)
-    assert found.outline_std == pytest.approx(np.hypot(1.5, 0.6))
+    of_sheet = 0.6 * (2.0 * 10.0 / 99.0) ** 4 * 90.5
+    assert found.outline_std == pytest.approx(np.linalg.norm([1.5, 0.6, of_sheet]))
+    sheet = estimate(replace(BODY, thin_walled=True, buried=49.5), None, 1)
+    assert sheet.volume < 1.96 * sheet.outline_std
 
 
 def test_points_that_the_surface_misses_make_the_interval_wide() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,10 +11,7 @@ from scipy.spatial import Delaunay
 from solids import box_part, cube, cup, sphere, torus, union, unit_vectors
 
 from quantify_client.errors import InputError
-from quantify_client.volcalc.body.complete import is_partly_seen
 from quantify_client.volcalc.body.cut import face_costs, minimum_cut
-from quantify_client.volcalc.body.enclose import Enclosed, enclose
-from quantify_client.volcalc.body.floor import stand
 from quantify_client.volcalc.body.going_on import going_on
 from quantify_client.volcalc.body.patches import Patches
 from quantify_client.volcalc.body.tetrahedra import Tetrahedra, tetrahedralize
@@ -77,18 +73,6 @@ def test_a_camera_that_looks_in_through_the_opening_is_left_out() -> None:
     views = Views.of(points, 0.06, places)
     assert not views.fair[places[:, 2] < -2.0].any()
     assert ((views.normals * points).sum(axis=1) > 0.0).mean() > 0.99
-
-
-def test_on_ground_points_that_no_surface_explains_tell_of_what_was_not_seen() -> None:
-    points = scan(cube(), 4_000, 1, Flaws(ground=2.5)) - OFFSET
-    standing = stand(points, np.ones(len(points), dtype=np.int64), "auto")
-    body = enclose(np.vstack([standing.points, standing.lid]), hollow=False, max_gap=None)
-    assert standing.pose is not None
-    assert isinstance(body, Enclosed)
-    assert not is_partly_seen(standing, body, False)
-    missed = replace(body, missed=0.006 * body.within)
-    assert is_partly_seen(standing, missed, False)
-    assert not is_partly_seen(replace(standing, pose=None), missed, False)
 
 
 def test_a_sphere_and_a_plane_go_on_as_they_are() -> None:

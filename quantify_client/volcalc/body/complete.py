@@ -76,11 +76,10 @@ _ENOUGH_CAMERAS = 12
 _EXPLAINED = 0.9
 
 #: A surface is partly seen where a larger share of it is lids over openings, a larger share of the
-#: volume lies below what was seen, where no upright foot goes on, or, on ground, hangs on points
-#: that no surface explains, or a larger share of its points is outside of the body. All are chosen.
+#: volume lies below what was seen, where no upright foot goes on, or a larger share of its points
+#: is outside of the body. All three are chosen.
 _OPEN = 0.01
 _BELOW = 0.005
-_MISSED = 0.005
 _OUTSIDE = 0.005
 
 _FEWEST = 100  # points that tell how a surface goes on
@@ -99,8 +98,6 @@ def is_partly_seen(standing: Standing, body: Union[Enclosed, Open], is_heap: boo
         return False
     apart = np.count_nonzero(body.apart < len(standing.points))
     if _lids(body) > _OPEN * body.surface.area() or apart > _OUTSIDE * len(standing.points):
-        return True
-    if standing.pose is not None and body.missed > _MISSED * body.within:
         return True
     below = hidden_volume(standing, body)[0]
     foot = find_foot(standing, body, below)

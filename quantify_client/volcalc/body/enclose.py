@@ -112,7 +112,9 @@ class Open:
     leaks: Sequence[Gap]
 
 
-def enclose(points: FloatArray, *, hollow: bool, max_gap: Optional[float]) -> Union[Enclosed, Open]:
+def enclose(
+    points: FloatArray, *, hollow: bool, max_gap: Optional[float], lid: Optional[FloatArray] = None
+) -> Union[Enclosed, Open]:
     """Return the body whose surface the points lie on, or `Open` when they enclose no space.
 
     Parameters
@@ -120,13 +122,14 @@ def enclose(points: FloatArray, *, hollow: bool, max_gap: Optional[float]) -> Un
     points : (N, 3) float64, metres, upright, in an order that does not depend on the file's.
     hollow : hollows that would hold water, and voids, are no part of the body.
     max_gap : widest opening to be closed, metres; None for any.
+    lid : (K, 3) float64, points that close it, likewise.
 
     Raises
     ------
     InputError
         Where the points span no body.
     """
-    space = tetrahedralize(points)
+    space = tetrahedralize(points if lid is None else np.vstack([points, lid]))
     spacing = float(np.median(space.spacing))
     spaces = find_spaces(space, find_pockets(space, spacing), max_gap)
     thin_walled = not spaces.depth.any()
@@ -137,7 +140,7 @@ def enclose(points: FloatArray, *, hollow: bool, max_gap: Optional[float]) -> Un
     body = enclosed_by(space, spaces, hollow=hollow, thin_walled=thin_walled)
     if thin_walled:
         return replace(body, buried=_buried(space, spaces, body))
-    return replace(body, missed=_missed(space, spaces, body))
+    return replace(body, missed=_missed(space, len(points), spaces, body))
 
 
 def enclosed_by(
@@ -237,14 +240,14 @@ def _buried(space: Tetrahedra, spaces: Spaces, body: Enclosed) -> float:
     return float(depth.mean()) * body.surface.area() if len(depth) else 0.0
 
 
-def _missed(space: Tetrahedra, spaces: Spaces, body: Enclosed) -> float:
-    """Return how far points are from all surfaces, beyond noise, times the body's area, m3.
+def _missed(space: Tetrahedra, count: int, spaces: Spaces, body: Enclosed) -> float:
+    """Return how far the first points are from all surfaces, beyond noise, times the area, m3.
 
     Its walls are too thin there, or a part of it encloses nothing, for points as sparse as these. A
     point stands for no more than twice its share of the volume.
     """
     matter = spaces.depth[spaces.number] % 2 == 1
-    depth = depths(space.points, surface_of(space, np.where(matter, np.inf, -np.inf)))
+    depth = depths(space.points[:count], surface_of(space, np.where(matter, np.inf, -np.inf)))
     area = body.surface.area()
     beyond = np.maximum(depth * area - _NOISE * body.skin, 0.0)
     return float(np.minimum(beyond, 2.0 * body.within).mean())

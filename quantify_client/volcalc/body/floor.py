@@ -26,7 +26,7 @@ _FEWEST = 7  # points that may be a body
 _WITHIN = (1.0, 0.25, 0.0625)
 
 #: What rises less than this many times the reach of ground is part of what that is found from.
-_RISES = 3.0
+_RISES = 2.0
 
 #: Largest tilt of ground that is found without being asked for, degrees.
 _STEEPEST = 60.0

@@ -32,7 +32,8 @@ class HeapFoundError(Exception):
     Attributes
     ----------
     share : of it that is seen from above.
-    outline : shapely Polygon on the ground around it, metres in the measuring frame.
+    outline : shapely Polygon on the ground around it, metres in the measuring frame; None where it
+        is not the only thing there.
     """
 
     def __init__(self, share: float, outline: Any) -> None:

@@ -196,7 +196,9 @@ def _enclosed(
     standing = stand(local.apply(cloud.points), cloud.counts, floor)
     share = heap_share(standing)
     if unless_heap and share is not None:
-        raise HeapFoundError(share, shapely.transform(around(standing), local.undo_flat))
+        alone = above_ground(standing) is not None
+        outline = shapely.transform(around(standing), local.undo_flat) if alone else None
+        raise HeapFoundError(share, outline)
     body = _enclose(standing.points, standing.lid, recipe)
     heap = None if share is None else _heap(standing, body, recipe)
     if heap is not None:
@@ -242,7 +244,7 @@ def _heap(
 
 
 def _enclose(points: FloatArray, lid: FloatArray, recipe: BodyRecipe) -> Union[Enclosed, Open]:
-    return enclose(np.vstack([points, lid]), hollow=recipe.hollow, max_gap=recipe.max_gap)
+    return enclose(points, lid=lid, hollow=recipe.hollow, max_gap=recipe.max_gap)
 
 
 def _estimate(
