@@ -8,10 +8,15 @@ import numpy as np
 import pytest
 from scans import OFFSET, Flaws, scan, volume_of
 from scipy.spatial import Delaunay
+from scipy.spatial.transform import Rotation
 from solids import box_part, cube, cup, sphere, torus, union, unit_vectors
 
 from quantify_client.errors import InputError
+from quantify_client.volcalc.body.complete import is_partly_seen
 from quantify_client.volcalc.body.cut import face_costs, minimum_cut
+from quantify_client.volcalc.body.enclose import Enclosed, enclose
+from quantify_client.volcalc.body.floor import stand
+from quantify_client.volcalc.body.foot import unseen_share
 from quantify_client.volcalc.body.going_on import going_on
 from quantify_client.volcalc.body.patches import Patches
 from quantify_client.volcalc.body.tetrahedra import Tetrahedra, tetrahedralize
@@ -73,6 +78,21 @@ def test_a_camera_that_looks_in_through_the_opening_is_left_out() -> None:
     views = Views.of(points, 0.06, places)
     assert not views.fair[places[:, 2] < -2.0].any()
     assert ((views.normals * points).sum(axis=1) > 0.0).mean() > 0.99
+
+
+@pytest.mark.parametrize(("tilt", "seen"), [(0.0, True), (8.0, False)])
+def test_a_foot_was_seen_where_points_are_all_along_it(tilt: float, seen: bool) -> None:
+    """A cube on ground, and one that stands on an edge, with a wedge below that nobody saw."""
+    points = cube().surface(6_000, np.random.default_rng(3))
+    turn = Rotation.from_euler("y", -tilt, degrees=True)
+    points = turn.apply(points[points[:, 2] > 1e-9]) - np.array([0.5, 0.5, 0.0])
+    cloud = on_ground(points[points[:, 2] > 1e-9], 0.55) - OFFSET
+    standing = stand(cloud, np.ones(len(cloud), dtype=np.int64), "auto")
+    body = enclose(standing.points, lid=standing.lid, hollow=False, max_gap=None)
+    assert isinstance(body, Enclosed)
+    share = unseen_share(standing, body)
+    assert share < 0.08 if seen else share > 0.2
+    assert is_partly_seen(standing, body, False) != seen
 
 
 def test_a_sphere_and_a_plane_go_on_as_they_are() -> None:
