@@ -90,7 +90,7 @@ _OF_CURVATURE = 0.1
 _OF_DIFFERENCE = 0.14
 _OF_EDGES = 0.066
 _OF_DEPTH = 0.12
-_OF_NEITHER = 1.1
+_OF_NEITHER = 0.9
 
 #: Most that e (1 - e)^2 is between points at random, 0, and even ones, 1.
 _MOST_NEITHER = 4.0 / 27.0

@@ -137,5 +137,7 @@ def unseen_share(standing: Standing, body: Enclosed) -> float:
     middles = np.column_stack([0.5 * (here + there), level])
     length = np.linalg.norm(there - here, axis=1)
     away, nearest = cKDTree(standing.points).query(middles)
-    within = np.maximum(spacings(standing.points)[nearest], body.spacing)
+    # Points at an edge have neighbours on one side only: half as many.
+    own = spacings(standing.points)[nearest] / math.sqrt(2.0)
+    within = np.maximum(own, body.spacing)
     return float(length[away > within].sum() / length.sum())
