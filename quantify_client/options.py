@@ -334,8 +334,8 @@ class Options:
     )
     cameras: Optional[Any] = _option(
         None,
-        "where photographs were taken (shots.geojson, or any text file of x, y, z): tells which "
-        "space was seen to be empty (default: what the ODM project says)",
+        "where photographs were taken (shots.geojson, ODM's geo.txt, or any text of x, y, z): tells "
+        "which space was seen to be empty (default: what the ODM project says)",
         OBJECT,
         goes_with="section",
         **_FILE,

@@ -8,6 +8,7 @@ from typing import Any, Dict, Mapping
 
 import numpy as np
 import pytest
+from pyproj import Transformer
 from scans import Flaws, scan
 from solids import sphere
 
@@ -51,6 +52,36 @@ def test_text_shots_and_project_tell_the_same(cloud: Path, tmp_path: Path) -> No
     assert text.results[0].volume_m3 == pytest.approx(listed.results[0].volume_m3, rel=1e-3)
     assert own.results[0].volume_m3 == pytest.approx(listed.results[0].volume_m3, rel=1e-3)
     assert listed.results[0].volume_m3 < 0.98 * without  # they see that nothing is below
+
+
+def test_names_of_photographs_may_stand_before_their_places(cloud: Path, tmp_path: Path) -> None:
+    plain = measure(cloud, source_unit="m", cameras=written(tmp_path / "cameras.txt", RING))
+    rows = [(f"DJI {number}.JPG", *place) for number, place in enumerate(RING.tolist())]
+    named = tmp_path / "named.csv"
+    named.write_text("label,x,y,z\n" + "".join(",".join(map(str, row)) + "\n" for row in rows))
+    found = measure(cloud, source_unit="m", cameras=named)
+    assert found.results[0].volume_m3 == pytest.approx(plain.results[0].volume_m3, rel=1e-3)
+
+
+def test_a_list_of_odm_says_in_which_crs_its_places_are(cloud: Path, tmp_path: Path) -> None:
+    lon, lat = Transformer.from_crs(32632, 4326, always_xy=True).transform(*RING[:, :2].T)
+    rows = [
+        f"{n}.jpg {x:.9f} {y:.9f} {z:.3f} 0 0 0"
+        for n, (x, y, z) in enumerate(zip(lon, lat, RING[:, 2]))
+    ]
+    listed = tmp_path / "geo.txt"
+    listed.write_text("EPSG:4326\n" + "\n".join(rows))
+    plain = written(tmp_path / "cameras.txt", RING)
+    one, other = (
+        measure(cloud, shape="object", crs="EPSG:32632", cameras=path).results[0].volume_m3
+        for path in (plain, listed)
+    )
+    assert one == pytest.approx(other, rel=1e-3)
+    with pytest.raises(QuantifyError, match="and the cloud has no CRS; give positions"):
+        measure(cloud, source_unit="m", cameras=listed)
+    listed.write_text("EPSG:4326\n" + rows[0] + "\nand so on\n")
+    with pytest.raises(QuantifyError, match="'and so on' is no name, x, y and z; expected"):
+        measure(cloud, source_unit="m", cameras=listed)
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,9 @@ from typing import List, Optional
 import numpy as np
 
 from ..cloud import open_positions
-from ..crs import Frame
-from ..errors import ControlError, InputError
+from ..cloud.text import as_number, is_comment, is_number, opened, split
+from ..crs import Frame, positions_to
+from ..errors import ControlError, CrsError, InputError
 from ..options import Options
 from ..sfm.odm.json_files import features, numbers, read_object
 from ..sfm.odm.layout import SHOTS
@@ -19,7 +20,12 @@ from ..types import FloatArray
 __all__ = ["cameras_of"]
 
 _MOST = 20_000  # more is a cloud
-_EXPECTED = "positions of cameras: ODM's odm_report/shots.geojson, or a text file of x, y, z"
+_EXPECTED = (
+    "positions of cameras: ODM's odm_report/shots.geojson, or a text file of x, y, z, with or "
+    "without the name of a photograph before them"
+)
+_LISTS = (".csv", ".txt", ".xyz")
+_LARGEST_LIST = 5_000_000  # bytes
 
 
 def cameras_of(source: Source, frame: Frame, options: Options) -> Optional[FloatArray]:
@@ -38,7 +44,7 @@ def cameras_of(source: Source, frame: Frame, options: Options) -> Optional[Float
             return _moved(_of_shots(path), frame)
         except ControlError:  # an old version's, and nobody asked for it
             return None
-    name, places = str(options.cameras), _of_file(Path(str(options.cameras)))
+    name, places = str(options.cameras), _of_file(Path(str(options.cameras)), frame)
     if not 0 < len(places) <= _MOST:
         raise InputError(f"{name}: {len(places):,} places; expected {_EXPECTED}, 1 to {_MOST:,}")
     moved = _moved(places, frame)
@@ -50,14 +56,59 @@ def _moved(places: FloatArray, frame: Frame) -> FloatArray:
     return np.column_stack(frame.to_frame(*places.T.copy()))
 
 
-def _of_file(path: Path) -> FloatArray:
+def _of_file(path: Path, frame: Frame) -> FloatArray:
     if path.suffix.lower() in (".geojson", ".json"):
         try:
             return _of_shots(path)
         except ControlError as error:
             raise InputError(str(error)) from error
+    if path.suffix.lower() in _LISTS:
+        listed = _of_photographs(path, frame)
+        if listed is not None:
+            return listed
     chunks = [np.column_stack([c.x, c.y, c.z]) for c in open_positions(path).chunks()]
     return np.vstack([np.empty((0, 3)), *chunks])
+
+
+def _of_photographs(path: Path, frame: Frame) -> Optional[FloatArray]:
+    """Return the places in a list of photographs, in the cloud's own coordinates.
+
+    In each line a name, x, y and z; the first one may be a CRS, as in ODM's geo.txt. None for what
+    is no such list.
+    """
+    if not path.is_file() or path.stat().st_size > _LARGEST_LIST:
+        return None
+    with opened(path) as stream:
+        lines = [line.strip() for line in stream if not is_comment(line)]
+    delimiter = next((sign for sign in ",;" if lines and sign in lines[-1]), None)
+    rows = [split(line, delimiter) for line in lines]
+    named = [len(r) > 3 and not is_number(r[0]) and all(map(is_number, r[1:4])) for r in rows]
+    if True not in named[:2]:
+        return None
+    head = named.index(True)
+    if not all(named[head:]):
+        wrong = head + named[head:].index(False)
+        raise InputError(
+            f"{path}: {lines[wrong][:60]!r} is no name, x, y and z; expected {_EXPECTED}"
+        )
+    places = np.array([[as_number(field) for field in row[1:4]] for row in rows[head:]])
+    if head and (len(rows[0]) < 4 or lines[0].startswith("+")):
+        places[:, :2] = _from_crs(places, lines[0], frame, path)
+    return places
+
+
+def _from_crs(places: FloatArray, crs: str, frame: Frame, path: Path) -> FloatArray:
+    """Return x and y of places in the cloud's own CRS."""
+    if frame.cloud_crs is None:
+        raise InputError(
+            f"{path}: its places are in {crs[:60]!r}, and the cloud has no CRS; give positions in "
+            "the cloud's own coordinates, or the CRS of the cloud (--crs)"
+        )
+    try:
+        x, y = places[:, :2].T.copy()
+        return np.column_stack(positions_to(x, y, crs, frame.cloud_crs))
+    except CrsError as error:
+        raise InputError(f"{path}: {error}") from error
 
 
 def _of_shots(path: Path) -> FloatArray:

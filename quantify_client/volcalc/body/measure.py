@@ -165,7 +165,7 @@ class _LocalFrame:
 
     def undo_flat(self, xy: FloatArray) -> FloatArray:
         """(N, 2) places of this frame in the measuring frame."""
-        return xy * self.scale[:2] + self.origin[:2]
+        return np.asarray(xy * self.scale[:2] + self.origin[:2])
 
     def in_frame(self, floor: Optional[Floor]) -> Optional[Floor]:
         """Return a floor with its elevation in the measuring frame."""
