@@ -334,7 +334,7 @@ class Options:
     )
     cameras: Optional[Any] = _option(
         None,
-        "where photographs were taken (shots.geojson, ODM's geo.txt, or any text of x, y, z): tells "
+        "where photographs were taken (shots.geojson, geo.txt, or any text of x, y, z): tells "
         "which space was seen to be empty (default: what the ODM project says)",
         OBJECT,
         goes_with="section",
