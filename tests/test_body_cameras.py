@@ -80,7 +80,7 @@ def test_a_list_of_odm_says_in_which_crs_its_places_are(cloud: Path, tmp_path: P
     with pytest.raises(QuantifyError, match="and the cloud has no CRS; give positions"):
         measure(cloud, source_unit="m", cameras=listed)
     listed.write_text("EPSG:4326\n" + rows[0] + "\nand so on\n")
-    with pytest.raises(QuantifyError, match="'and so on' is no name, x, y and z; expected"):
+    with pytest.raises(QuantifyError, match="line 3 is 'and so on', and no name, x, y and z"):
         measure(cloud, source_unit="m", cameras=listed)
 
 

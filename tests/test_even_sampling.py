@@ -198,4 +198,4 @@ def test_of_points_in_groups_facets_are_known_less_well(monkeypatch, ratios):
     alone = sampling_std()
     monkeypatch.setattr(estimate, "nearness", lambda _: ratios)
     more = math.sqrt(sampling_std() ** 2 - alone**2)
-    assert more == pytest.approx(1.1 * 4 / 27 * facets, rel=0.1)
+    assert more == pytest.approx(0.9 * 4 / 27 * facets, rel=0.1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import List, Optional
 
@@ -15,7 +16,7 @@ from ..options import Options
 from ..sfm.odm.json_files import features, numbers, read_object
 from ..sfm.odm.layout import SHOTS
 from ..source import Source
-from ..types import FloatArray
+from ..types import MAX_COORDINATE, FloatArray
 
 __all__ = ["cameras_of"]
 
@@ -26,6 +27,7 @@ _EXPECTED = (
 )
 _LISTS = (".csv", ".txt", ".xyz")
 _LARGEST_LIST = 5_000_000  # bytes
+_CRS = re.compile(r"EPSG:|\+|WGS ?84|(PROJ|GEOG|COMPD?)_?(CS|CRS)", re.I)
 
 
 def cameras_of(source: Source, frame: Frame, options: Options) -> Optional[FloatArray]:
@@ -74,26 +76,28 @@ def _of_photographs(path: Path, frame: Frame) -> Optional[FloatArray]:
     """Return the places in a list of photographs, in the cloud's own coordinates.
 
     In each line a name, x, y and z; the first one may be a CRS, as in ODM's geo.txt. None for what
-    is no such list.
+    is no such list, or has named columns.
     """
     if not path.is_file() or path.stat().st_size > _LARGEST_LIST:
         return None
     with opened(path) as stream:
-        lines = [line.strip() for line in stream if not is_comment(line)]
-    delimiter = next((sign for sign in ",;" if lines and sign in lines[-1]), None)
-    rows = [split(line, delimiter) for line in lines]
+        numbered = [(n, line.strip()) for n, line in enumerate(stream, 1) if not is_comment(line)]
+    crs = numbered[0][1] if numbered and _CRS.match(numbered[0][1]) else None
+    numbered = numbered[0 if crs is None else 1 :]
+    delimiter = next((sign for sign in ",;\t" if numbered and sign in numbered[0][1]), None)
+    rows = [split(line, delimiter) for _, line in numbered]
     named = [len(r) > 3 and not is_number(r[0]) and all(map(is_number, r[1:4])) for r in rows]
-    if True not in named[:2]:
+    if not named or not named[0]:
         return None
-    head = named.index(True)
-    if not all(named[head:]):
-        wrong = head + named[head:].index(False)
+    if not all(named):
+        number, line = numbered[named.index(False)]
         raise InputError(
-            f"{path}: {lines[wrong][:60]!r} is no name, x, y and z; expected {_EXPECTED}"
+            f"{path}: line {number} is {line[:60]!r}, and no name, x, y and z; expected {_EXPECTED}"
         )
-    places = np.array([[as_number(field) for field in row[1:4]] for row in rows[head:]])
-    if head and (len(rows[0]) < 4 or lines[0].startswith("+")):
-        places[:, :2] = _from_crs(places, lines[0], frame, path)
+    places = np.array([[as_number(field) for field in row[1:4]] for row in rows])
+    places = places[(np.abs(places) < MAX_COORDINATE).all(axis=1)]
+    if crs is not None and len(places):
+        places[:, :2] = _from_crs(places, crs, frame, path)
     return places
 
 

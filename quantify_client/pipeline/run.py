@@ -16,7 +16,7 @@ from ..errors import DesignError, SupportError, UsageError
 from ..options import AUTO, OPTIONS, Options, choose_shape, proposes, read_options
 from ..sfm.servers.access import Access
 from ..source import Source, file_of, is_address, open_source
-from ..types import SCHEMA, Floor, Measurement, Notice
+from ..types import SCHEMA, AreaFailure, Floor, Measurement, Notice
 from .accounting import every_point, left_out, losses
 from .checking import with_check_warnings
 from .common import cloud_warnings, coordinates_of, own_frame, provenance
@@ -291,6 +291,8 @@ def _measured_in(
             where = "the outline that was found (--area auto)"
             terrain = replace(terrain, area=AUTO)
         found = measure_areas(source, frame, terrain, report, outline=outline)
+        if any(isinstance(result, AreaFailure) for result in found.results):
+            raise SupportError("an area could not be measured")
     except SupportError:  # nothing that an outline could be drawn around
         where = "all of the cloud"
         found = measure_areas(source, frame, replace(terrain, area=None), report)

@@ -68,17 +68,14 @@ _LID, _GHOST = 1, 2  # kinds of points: from ghosts on surfaces are unseen
 
 #: Standard deviation of the volume, as a share of what the completions differ by: 0.29 if it were
 #: anything between them, and nothing else; and of the unseen share of the surface times the volume,
-#: as two completions may agree by chance. The second ones are for known cameras, at least as many
-#: as they were calibrated with (method.md), which see nearly all points.
-_OF_SPREAD = (0.4, 0.3)
-_OF_SHARE = (0.09, 0.07)
-_ENOUGH_CAMERAS = 12
-_EXPLAINED = 0.9
+#: as two completions may agree by chance.
+_OF_SPREAD = 0.4
+_OF_SHARE = 0.09
 
 #: A surface is partly seen where a larger share of it is lids over openings, a larger share of the
 #: volume lies below what was seen, where no upright foot goes on, or a larger share of its points
 #: is outside of the body. All three are chosen. The outline of a foot has fewer than this share
-#: without points: 4 % by chance, up to 7 % of cubes and tables.
+#: without points: 6 % by chance, up to 7 % of cubes and tables.
 _OPEN = 0.01
 _BELOW = 0.005
 _OUTSIDE = 0.005
@@ -163,9 +160,7 @@ def complete(
     empty = np.append(sure.sum(axis=0) > 0, False)
     apart = _outside(space, bodies[0], standing.points, len(points))
     share, count = len(apart) / len(standing.points), 0 if cameras is None else len(cameras)
-    explained = np.mean(views.known[: len(standing.points)]) > _EXPLAINED
-    enough = bool(count >= _ENOUGH_CAMERAS and explained)
-    body = _enclosed(space, bodies[0], kind, volumes, empty, share, count, enough)
+    body = _enclosed(space, bodies[0], kind, volumes, empty, share, count)
     body = replace(body, apart=apart)
     return replace(standing, lid=np.empty((0, 3)), sure=0.0, unsure=0.0), body
 
@@ -178,14 +173,12 @@ def _enclosed(
     empty: npt.NDArray[np.bool_],
     apart: float,
     cameras: int,
-    enough: bool,
 ) -> Enclosed:
     """Return a completion as a body, with what both, and so many cameras, make of it.
 
     Parameters
     ----------
-    apart : share of the points outside of it: as much of the volume may be missing.
-    enough : so many cameras are known that they took the cloud.
+    apart : share of the points outside of it: as much of the whole volume may be missing.
     """
     border = border_faces(space, matter)
     unseen = open_faces(space, border) | (kind[space.faces[border]] >= _GHOST).any(axis=1)
@@ -208,9 +201,9 @@ def _enclosed(
             high=float(volumes.max()),
             shift=likely - own,
             std=math.hypot(
-                _OF_SPREAD[enough] * spread,
-                _OF_SHARE[enough] * share * likely,
-                apart * likely,
+                _OF_SPREAD * spread,
+                _OF_SHARE * share * likely,
+                min(1.0, apart / max(1.0 - apart, 1e-9)) * likely,
             ),
             cameras=cameras,
         ),

@@ -86,7 +86,7 @@ _TOO_DEEP = 0.5
 #: even. The first four are 1.4 times the most likely values for errors of bodies of known volume,
 #: since other bodies were off by that much more (docs/method.md).
 _OF_FACETS = 0.025
-_OF_CURVATURE = 0.1
+_OF_CURVATURE = 0.2
 _OF_DIFFERENCE = 0.14
 _OF_EDGES = 0.066
 _OF_DEPTH = 0.12

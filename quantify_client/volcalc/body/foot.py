@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Optional, Union
+from typing import Optional, Tuple, Union
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -23,7 +23,7 @@ from .enclose import Enclosed
 from .floor import Standing
 from .spacing import spacings
 
-__all__ = ["SOUND", "Foot", "find_foot", "unseen_share"]
+__all__ = ["SOUND", "Foot", "find_foot", "unseen_share", "wedge_std"]
 
 #: Sections are sound from this many spacings above the lid on ...
 SOUND = 3.0
@@ -38,6 +38,9 @@ _OVERHANG = math.tan(math.radians(10.0))
 
 #: The outline of a foot is looked at so many spacings above the lid.
 _OUTLINE = 1.5
+
+#: Points at random within the median distance of points to their sixth neighbour, on average.
+_WITHIN = 5.67
 
 #: Standard deviation of what was not told from outside, as a share of it.
 _OF_WEDGE = 0.2
@@ -125,19 +128,52 @@ def find_foot(standing: Standing, body: Enclosed, hidden: float) -> Optional[Foo
 def unseen_share(standing: Standing, body: Enclosed) -> float:
     """Return the share of a foot's outline that has no point within a spacing.
 
-    Within a spacing, to the sixth neighbour, of a place on a surface lie 20 / 3 points at random on
-    average, and half as many where it ends: e^(-10 / 3) of the places, 4 %, have none.
+    Within a spacing of a place on a surface lie `_WITHIN` points at random on average, and half as
+    many where it ends: 6 % of the places have none.
     """
-    rings = body.surface.outlines(body.surface.lowest + _OUTLINE * body.spacing)
-    ends = [(ring, np.roll(ring, -1, axis=0)) for ring in rings]
-    if not ends:
+    middles, length = _outline(body)
+    if not len(length):
         return 0.0
-    here, there = (np.concatenate(each) for each in zip(*ends))
-    level = np.full(len(here), body.surface.lowest + _OUTLINE * body.spacing)
-    middles = np.column_stack([0.5 * (here + there), level])
-    length = np.linalg.norm(there - here, axis=1)
     away, nearest = cKDTree(standing.points).query(middles)
     # Points at an edge have neighbours on one side only: half as many.
     own = spacings(standing.points)[nearest] / math.sqrt(2.0)
     within = np.maximum(own, body.spacing)
     return float(length[away > within].sum() / length.sum())
+
+
+def wedge_std(standing: Standing, body: Enclosed) -> float:
+    """Return the standard deviation of a gap below the foot that may be taken for body, m3.
+
+    Where points begin higher along the outline than they do on a wall by chance, the underside may
+    rise from the ground. Below a plane one lies its mean height along the outline, times the area:
+    evenly from none of that to all, which would be too much.
+    """
+    if standing.pose is None or not len(standing.lid) or body.unseen is not None:
+        return 0.0
+    middles, length = _outline(body)
+    near = cKDTree(standing.points[:, :2]).query_ball_point(middles[:, :2], body.spacing)
+    held = np.array([len(some) for some in near])
+    if not held.any():
+        return 0.0
+    start = np.cumsum(held) - held
+    z = standing.points[np.concatenate(near[held > 0]).astype(np.int64), 2]
+    begin = np.minimum.reduceat(z, start[held > 0]) - standing.sure
+    # Of walls two spacings wide, by chance: one by how many lie on a metre of height; that has the
+    # same standard deviation, and two standard errors of the mean are chance, too.
+    by_chance = math.pi * body.spacing / (2.0 * _WITHIN)
+    by_chance *= 1.0 + 2.0 / math.sqrt(max(1.0, 0.5 * float(length.sum()) / body.spacing))
+    gap = max(0.0, float(np.average(begin, weights=length[held > 0])) - by_chance)
+    area = float(body.surface.areas(middles[:1, 2])[0])
+    return gap * area / math.sqrt(3.0)
+
+
+def _outline(body: Enclosed) -> Tuple[FloatArray, FloatArray]:
+    """Return middles (K, 3) and lengths (K,) of the parts of a foot's outline, metres."""
+    level = body.surface.lowest + _OUTLINE * body.spacing
+    rings = body.surface.outlines(level)
+    if not rings:
+        return np.empty((0, 3)), np.empty(0)
+    here = np.concatenate(rings)
+    there = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
+    middles = np.column_stack([0.5 * (here + there), np.full(len(here), level)])
+    return middles, np.linalg.norm(there - here, axis=1)

@@ -8,7 +8,7 @@ from typing import Any, Optional
 import numpy as np
 import shapely
 
-from .above_ground import clear_from
+from .above_ground import above_ground, clear_from
 from .floor import Standing
 from .plane import columns
 from .spacing import spacings
@@ -26,14 +26,19 @@ _SIDE = 2.0
 _STEEP = math.radians(60.0)
 
 
+#: Ground this many times as far below its plane as noise reaches is a hole, but for this share of a
+#: heap's points.
+_DEEP = 1.5
+_NOISE = 0.001
+
+
 class HeapFoundError(Exception):
     """The cloud shows a heap on its ground, and the shape was left to be found.
 
     Attributes
     ----------
     share : of it that is seen from above.
-    outline : shapely Polygon on the ground around it, metres in the measuring frame; None where it
-        is not the only thing there.
+    outline : shapely Polygon on even ground around it, metres in the measuring frame, or None.
     """
 
     def __init__(self, share: float, outline: Any) -> None:
@@ -41,11 +46,23 @@ class HeapFoundError(Exception):
         self.share, self.outline = share, outline
 
 
-def around(standing: Standing) -> Any:
-    """Return a shapely Polygon around a heap, on ground clear of it, in the cloud's x and y."""
+def around(standing: Standing) -> Optional[Any]:
+    """Return a shapely Polygon around a heap, on ground clear of it, in the cloud's x and y.
+
+    None where it is not alone on even ground, where the cloud ends nearer to it, or where there are
+    holes in the ground.
+    """
+    if above_ground(standing) is None:
+        return None
     spacing = float(np.median(spacings(standing.points)))
+    ground = shapely.points(standing.as_found(standing.ground)[:, :2])
     hull = shapely.convex_hull(shapely.multipoints(standing.as_found(standing.points)[:, :2]))
-    return hull.buffer(clear_from(standing, hull.area, spacing))
+    outline = hull.buffer(clear_from(standing, hull.area, spacing))
+    if not shapely.covers(shapely.convex_hull(shapely.multipoints(ground)), outline):
+        return None
+    low = standing.ground[:, 2] < -_DEEP * standing.sure
+    holes = np.count_nonzero(shapely.contains(outline, ground[low]))
+    return outline if holes <= _NOISE * len(standing.points) else None
 
 
 def heap_share(standing: Standing) -> Optional[float]:

@@ -19,7 +19,7 @@ from .complete import complete, is_partly_seen
 from .enclose import Enclosed, Open, enclose
 from .estimate import RESAMPLED, Estimate, closing_std, estimate, hidden_volume, is_same_body
 from .floor import Standing, on_lowest_points, stand
-from .foot import SOUND, Foot, find_foot
+from .foot import SOUND, Foot, find_foot, wedge_std
 from .heap import HeapFoundError, around, heap_share
 from .occupancy import cover, occupancy_volume
 from .voxels import Merged, Thinned
@@ -44,6 +44,9 @@ _ROUNDED = 1e-9
 #: of tests/solids.py, see docs/method.md) and of half the skin.
 _CHECK_OF_CORRECTION = 0.2
 _CHECK_OF_SKIN = 0.25
+
+#: A body that is larger than the box round its points, but for this share, is none.
+_UNSURE = 0.1
 
 #: Points of each kind that go to the report.
 _SHOWN = 20_000
@@ -73,6 +76,7 @@ def measure_body(
     local = _LocalFrame.of(cloud, recipe.ground_factor)
     standing, body, heap = _enclosed(local, cloud, recipe, unless_heap)
     unseen, unseen_std = hidden_volume(standing, body)
+    unseen_std = math.hypot(unseen_std, wedge_std(standing, body))
     foot = find_foot(standing, body, unseen)
     if heap is not None:
         within, hidden, budget = _parts_of_heap(heap)
@@ -80,7 +84,7 @@ def measure_body(
         found = _estimate(standing, body, recipe, foot, cloud.merged)
         within, hidden, budget = _parts(found, body, foot, (unseen, unseen_std))
     volume, std = within + hidden, math.hypot(*(item.std_m3 for item in budget))
-    _require_room(standing, volume - 1.96 * std)
+    _require_room(standing, volume - min(1.96 * std, _UNSURE * volume))
     zero = local.elevation_of_zero(standing)
     below = _volume_below(standing, body, within, hidden, foot)
     edges, place = _edges(standing, body, recipe), partial(local.place, standing)
@@ -196,9 +200,8 @@ def _enclosed(
     standing = stand(local.apply(cloud.points), cloud.counts, floor)
     share = heap_share(standing)
     if unless_heap and share is not None:
-        alone = above_ground(standing) is not None
-        outline = shapely.transform(around(standing), local.undo_flat) if alone else None
-        raise HeapFoundError(share, outline)
+        outline = around(standing)
+        raise HeapFoundError(share, outline and shapely.transform(outline, local.undo_flat))
     body = _enclose(standing.points, standing.lid, recipe)
     heap = None if share is None else _heap(standing, body, recipe)
     if heap is not None:

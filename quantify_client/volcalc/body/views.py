@@ -227,13 +227,11 @@ class Views:
     ----------
     patches : of the points; their normals point to the outside.
     seen : (N,) int64, how many cameras see each.
-    known : (N,) True for points that a camera sees which did stand where it is.
     fair : (K,) False for cameras that look into the body through an opening, and are left out.
     """
 
     patches: Patches
     seen: IntArray
-    known: npt.NDArray[np.bool_]
     views: List[_View]
     fair: npt.NDArray[np.bool_]
 
@@ -263,6 +261,7 @@ class Views:
         patches = patches or Patches.of(points)
         counts = np.where(np.arange(len(places)) < (known or len(places)), 1.0, _NO_CAMERA)
         apart, views = spacings(points), []
+        apart[len(points) - ground :] = 0.0  # the ground may be sparser, and hides nothing of it
         for k, place in enumerate(places):
             pixel = spacing * (_PIXEL if k < known else _COARSE)
             views.append(_View(place, points, pixel, _reach(apart, pixel)))
@@ -286,8 +285,7 @@ class Views:
             fair &= ~into
         for number in np.flatnonzero(fair):
             views[number].judge(seen[number], sign * cosine[number], _BEFORE * spacing)
-        by_known = seen[:known][fair[:known]].any(axis=0)
-        return cls(turned, seen[fair].sum(axis=0), by_known, views, fair)
+        return cls(turned, seen[fair].sum(axis=0), views, fair)
 
     def empty(
         self, points: FloatArray, some: npt.NDArray[np.bool_], enough: int
