@@ -57,10 +57,17 @@ def test_text_shots_and_project_tell_the_same(cloud: Path, tmp_path: Path) -> No
 def test_names_of_photographs_may_stand_before_their_places(cloud: Path, tmp_path: Path) -> None:
     plain = measure(cloud, source_unit="m", cameras=written(tmp_path / "cameras.txt", RING))
     rows = [(f"DJI {number}.JPG", *place) for number, place in enumerate(RING.tolist())]
-    named = tmp_path / "named.csv"
-    named.write_text("label,x,y,z\n" + "".join(",".join(map(str, row)) + "\n" for row in rows))
-    found = measure(cloud, source_unit="m", cameras=named)
-    assert found.results[0].volume_m3 == pytest.approx(plain.results[0].volume_m3, rel=1e-3)
+    lines = ["\t".join(map(str, row)) for row in rows]
+    lost = "lost.JPG\tnan\tnan\tnan"
+    by_name = [",".join(map(str, (name, y, x, z))) for name, x, y, z in rows]
+    for content in ([*lines, lost], ["label,northing,easting,elevation", *by_name]):
+        named = tmp_path / "named.txt"
+        named.write_text("\n".join(content))
+        found = measure(cloud, source_unit="m", cameras=named)
+        assert found.results[0].volume_m3 == pytest.approx(plain.results[0].volume_m3, rel=1e-3)
+    named.write_text(lost)
+    with pytest.raises(QuantifyError, match="0 places; expected positions of cameras"):
+        measure(cloud, source_unit="m", cameras=named)
 
 
 def test_a_list_of_odm_says_in_which_crs_its_places_are(cloud: Path, tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 import quantify_client
 from quantify_client.volcalc.body.floor import stand
 from quantify_client.volcalc.body.foot import Foot
-from quantify_client.volcalc.body.heap import seen_from_above
+from quantify_client.volcalc.body.heap import around, seen_from_above
 
 from clouds import write_ply  # isort: skip
 from mounds import KINDS, OFFSET, random_heap, sampled  # isort: skip
@@ -82,6 +82,25 @@ def test_a_gentle_heap_of_few_points_on_little_ground_is_one(height, noise, tmp_
         (result,) = quantify_client.measure(path, source_unit="m", shape=shape).results
         assert result.volume_m3 == pytest.approx(truth, rel=0.03)
         assert abs(result.volume_m3 - truth) < 2.6 * result.std_m3
+
+
+@pytest.mark.parametrize(("low", "pit"), [(-2.0, False), (-12.0, True)])
+def test_no_outline_around_a_heap_leaves_even_ground_of_the_cloud(low, pit, tmp_path):
+    """A heap that the cloud's edge cuts, and a pit beside it: the hull grown is no outline."""
+    rng = np.random.default_rng(17)
+    x, y = rng.uniform(low, 12.0, 6_000), rng.uniform(-12.0, 12.0, 6_000)
+    z = np.maximum(0.0, 2.0 * (1.0 - np.hypot(x, y) / 4.0)) + rng.normal(0.0, 0.02, 6_000)
+    if pit:
+        z -= np.maximum(0.0, 1.0 - np.hypot(x - 5.6, y) / 1.2)
+    points = np.column_stack([x, y, z])
+    assert around(stand(points, np.ones(len(points), dtype=np.int64), "auto")) is None
+    if not pit:  # 0.8 of the cone is on the cloud
+        path = write_ply(tmp_path / "heap.ply", points + OFFSET)
+        (result,) = quantify_client.measure(path, source_unit="m").results
+        side = np.linspace(-4.0, 4.0, 2_001)
+        u, v = np.meshgrid(side, side)
+        cone = np.where(u > low, np.maximum(0.0, 2.0 * (1.0 - np.hypot(u, v) / 4.0)), 0.0)
+        assert result.volume_m3 == pytest.approx(cone.sum() * (side[1] - side[0]) ** 2, rel=0.01)
 
 
 def test_a_heap_of_too_few_points_for_its_own_outline_is_measured_in_one_around_it(tmp_path):
@@ -201,7 +220,7 @@ def test_ground_whose_noise_lies_in_two_layers_of_voxels_is_found(turned, tmp_pa
     angle = math.radians(turned)
     cos, sin = math.cos(angle), math.sin(angle)
     tilt = np.array([[1.0, 0.0, 0.0], [0.0, cos, -sin], [0.0, sin, cos]])
-    points = heap(800_000, 16, 10, 2.0, 0.02) @ tilt.T + OFFSET
+    points = heap(400_000, 16, 10, 2.0, 0.02) @ tilt.T + OFFSET
     result = as_body(points, tmp_path)
     assert result.volume_m3 == pytest.approx(math.pi * 10**2 * 2.0 / 3.0, rel=0.002)
     path = tmp_path / "heap.ply"
@@ -217,8 +236,8 @@ def test_the_foot_of_bodies_goes_on_to_the_floor(noise, tmp_path):
         (ball(count, 1.0, rng), ground, 4.0 * math.pi / 3.0),
         (cube(count, 1.0, rng), square, 1.0),
     ]
-    for number, (body, around, truth) in enumerate(bodies):
-        points = np.vstack([body, around])
+    for number, (body, beside, truth) in enumerate(bodies):
+        points = np.vstack([body, beside])
         path = tmp_path / f"{number}.ply"
         write_ply(path, points + rng.normal(0.0, noise, points.shape) if noise else points)
         (result,) = quantify_client.measure(path, source_unit="m", shape="object").results

@@ -17,7 +17,7 @@ from quantify_client.types import AreaResult
 pytestmark = pytest.mark.one_python
 
 SEEDS = range(1201, 1209)
-COUNT = 6_000
+COUNT = 4_000
 
 
 @pytest.fixture(scope="module", params=[0.0, 0.005], ids=["clean", "noisy"])
