@@ -183,7 +183,7 @@ class _LocalFrame:
     def place(self, standing: Standing, gap: Gap) -> str:
         """Return where an opening is, in the cloud's own measuring frame."""
         found = standing.as_found(np.array([[gap.x, gap.y, gap.z]]))
-        x, y, z = (found * self.scale + self.origin)[0].tolist()
+        x, y, z = (np.round(found * self.scale + self.origin, 2) + 0.0)[0].tolist()  # no -0.00
         return f"({x:.2f}, {y:.2f}, {z:.2f})"
 
 
