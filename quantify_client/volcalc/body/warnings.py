@@ -164,9 +164,9 @@ def _floor(standing: Standing, hidden: float, volume: float, advice: str) -> Ite
     elif floor.found == "in the cloud":
         yield Notice(
             "floor-found",
-            f"{floor.points:,} points lie on a floor at {round(floor.elevation, 3) + 0.0:.3f} m, tilted by "
-            f"{floor.tilt_degrees:.1f} degrees: they were left out and the body stands upright on "
-            f"it{advice}",
+            f"{floor.points:,} points lie on a floor at {round(floor.elevation, 3) + 0.0:.3f} m, "
+            f"tilted by {floor.tilt_degrees:.1f} degrees: they were left out and the body stands "
+            f"upright on it{advice}",
             points=floor.points,
             elevation_m=floor.elevation,
             tilt_degrees=floor.tilt_degrees,
