@@ -94,8 +94,8 @@ def _of_photographs(path: Path, frame: Frame) -> Optional[FloatArray]:
         raise InputError(
             f"{path}: line {number} is {line[:60]!r}, and no name, x, y and z; expected {_EXPECTED}"
         )
-    places = np.array([[as_number(field) for field in row[1:4]] for row in rows])
-    places = places[(np.abs(places) < MAX_COORDINATE).all(axis=1)]
+    found = np.array([[as_number(field) for field in row[1:4]] for row in rows])
+    places: FloatArray = found[(np.abs(found) < MAX_COORDINATE).all(axis=1)]
     if crs is not None and len(places):
         places[:, :2] = _from_crs(places, crs, frame, path)
     return places

@@ -261,7 +261,7 @@ class Views:
         patches = patches or Patches.of(points)
         counts = np.where(np.arange(len(places)) < (known or len(places)), 1.0, _NO_CAMERA)
         apart, views = spacings(points), []
-        apart[len(points) - ground :] = 0.0  # the ground may be sparser, and hides nothing of it
+        apart[len(points) - ground :] = 0.0  # no body is behind the ground, however sparse
         for k, place in enumerate(places):
             pixel = spacing * (_PIXEL if k < known else _COARSE)
             views.append(_View(place, points, pixel, _reach(apart, pixel)))
