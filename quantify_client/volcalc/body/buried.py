@@ -32,8 +32,9 @@ def depths(points: FloatArray, surface: BodySurface) -> FloatArray:
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     doubled = np.linalg.norm(normal, axis=1)
     corners, normal = corners[doubled > 0.0], normal[doubled > 0.0]
+    numbers = surface.number[doubled > 0.0]
     normal /= doubled[doubled > 0.0][:, None]
-    on_surface = cKDTree(corners.reshape(-1, 3))
+    on_surface = cKDTree(corners.reshape(-1, 3)[np.unique(numbers, return_index=True)[1]])
     nearest = on_surface.query(points)[0]
     off = nearest > 0.0
     below, depth, found = points[off], nearest[off], min(_NEAREST, len(corners))

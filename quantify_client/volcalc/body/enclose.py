@@ -247,10 +247,12 @@ def _missed(space: Tetrahedra, count: int, spaces: Spaces, body: Enclosed) -> fl
     point stands for no more than twice its share of the volume.
     """
     matter = spaces.depth[spaces.number] % 2 == 1
-    depth = depths(space.points[:count], surface_of(space, np.where(matter, np.inf, -np.inf)))
-    area = body.surface.area()
-    beyond = np.maximum(depth * area - _NOISE * body.skin, 0.0)
-    return float(np.minimum(beyond, 2.0 * body.within).mean())
+    surface = surface_of(space, np.where(matter, np.inf, -np.inf))
+    off = np.ones(len(space.points), dtype=bool)
+    off[surface.number] = False
+    depth = depths(space.points[:count][off[:count]], surface)
+    beyond = np.maximum(depth * body.surface.area() - _NOISE * body.skin, 0.0)
+    return float(np.minimum(beyond, 2.0 * body.within).sum()) / count
 
 
 def _is_sheet(space: Tetrahedra, matter: npt.NDArray[np.bool_], spacing: float) -> bool:
