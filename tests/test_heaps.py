@@ -6,8 +6,10 @@ import math
 
 import numpy as np
 import pytest
+import shapely
 
 import quantify_client
+from quantify_client.volcalc.body import measure
 from quantify_client.volcalc.body.floor import stand
 from quantify_client.volcalc.body.foot import Foot
 from quantify_client.volcalc.body.heap import around, seen_from_above
@@ -111,6 +113,16 @@ def test_a_heap_of_too_few_points_for_its_own_outline_is_measured_in_one_around_
     assert result.area_m2 < 0.5 * 34.0**2
     assert result.volume_m3 == pytest.approx(truth, rel=0.005)
     assert "in an outline around it" in next(w for w in found.warnings if "seen from above" in w)
+
+
+def test_where_an_outline_cannot_be_measured_others_are(monkeypatch, tmp_path):
+    beside_the_cloud = shapely.box(90.0, 90.0, 95.0, 95.0)
+    monkeypatch.setattr(measure, "around", lambda _: beside_the_cloud)
+    path = write_ply(tmp_path / "heap.ply", heap(40_000, 20, 8, 4, 0.05) + OFFSET)
+    found = quantify_client.measure(path, source_unit="m")
+    (result,) = found.results
+    assert result.volume_m3 == pytest.approx(math.pi * 8**2 * 4 / 3.0, rel=0.01)
+    assert "(--area auto)" in next(w for w in found.warnings if "seen from above" in w)
 
 
 @pytest.mark.parametrize("form", HEAPS)

@@ -27,7 +27,7 @@ _EXPECTED = (
 )
 _LISTS = (".csv", ".txt", ".xyz")
 _LARGEST_LIST = 5_000_000  # bytes
-_CRS = re.compile(r"EPSG:|\+|WGS ?84|(PROJ|GEOG|COMPD?)_?(CS|CRS)", re.I)
+_CRS = re.compile(r"EPSG:|\+(proj|init)=|WGS ?84|(PROJ|GEOG|COMPD?)_?(CS|CRS)", re.I)
 
 
 def cameras_of(source: Source, frame: Frame, options: Options) -> Optional[FloatArray]:

@@ -16,7 +16,7 @@ from ..errors import DesignError, SupportError, UsageError
 from ..options import AUTO, OPTIONS, Options, choose_shape, proposes, read_options
 from ..sfm.servers.access import Access
 from ..source import Source, file_of, is_address, open_source
-from ..types import SCHEMA, AreaFailure, Floor, Measurement, Notice
+from ..types import SCHEMA, AreaResult, Floor, Measurement, Notice
 from .accounting import every_point, left_out, losses
 from .checking import with_check_warnings
 from .common import cloud_warnings, coordinates_of, own_frame, provenance
@@ -283,20 +283,26 @@ def _measured_in(
         return measure_whole_body(source, frame, options, report)
     except HeapFoundError as heap:
         share, outline = heap.share, heap.outline
+    found, where = _heap_as_terrain(source, frame, options, report, outline)
+    return replace(found, warnings=(*found.warnings, _taken_for_terrain(share, where)))
+
+
+def _heap_as_terrain(
+    source: Source, frame: Frame, options: Options, report: Progress, outline: Optional[Any]
+) -> Tuple[Measurement, str]:
+    """Return a heap measured in the outline around it, if any, or as it can be; in words, where."""
     from .terrain import measure_areas
 
-    terrain, where = replace(options, shape="terrain"), "an outline around it, on clear ground"
-    try:
-        if outline is None:
-            where = "the outline that was found (--area auto)"
-            terrain = replace(terrain, area=AUTO)
+    terrain = replace(options, shape="terrain")
+    if outline is not None:
         found = measure_areas(source, frame, terrain, report, outline=outline)
-        if any(isinstance(result, AreaFailure) for result in found.results):
-            raise SupportError("an area could not be measured")
+        if isinstance(found.results[0], AreaResult):
+            return found, "an outline around it, on clear ground"
+    try:
+        found = measure_areas(source, frame, replace(terrain, area=AUTO), report)
+        return found, "the outline that was found (--area auto)"
     except SupportError:  # nothing that an outline could be drawn around
-        where = "all of the cloud"
-        found = measure_areas(source, frame, replace(terrain, area=None), report)
-    return replace(found, warnings=(*found.warnings, _taken_for_terrain(share, where)))
+        return measure_areas(source, frame, terrain, report), "all of the cloud"
 
 
 def _taken_for_terrain(share: float, where: str) -> Notice:

@@ -60,8 +60,8 @@ _ENOUGH = 3
 #: What so many cameras see through is not matter.
 _CERTAIN = 2
 
-#: Share of the larger completion in the volume: the most likely one lies nearer to the smaller one,
-#: for which seventy scenes of known volume were (method.md).
+#: Share of the larger completion in the volume: true volumes lie nearer to the smaller one
+#: (calibrated, method.md).
 _OF_LARGER = 0.4
 
 _LID, _GHOST = 1, 2  # kinds of points: from ghosts on surfaces are unseen

@@ -18,7 +18,8 @@ it moves the volume the less the more points there are.
 
 How much facets cut off is known for points at random and for even ones, each to a few percent.
 Vertices of marching cubes and scan lines are neither: how far points are from both tells how wrong
-the facets may be.
+the facets may be. Where walls are too thin for the points, surfaces pass by some of them
+(`Enclosed.missed`), and as much is uncertain.
 
 Two more parts were not seen at all: what lies below the lowest section (`hidden_volume`) and what
 bulged behind a closed opening (`closing_std`). An opening hardly wider than the gaps between points
@@ -83,8 +84,8 @@ _TOO_DEEP = 0.5
 #: Standard deviations, as shares of the facets: always; times the mean spacing by the radius of
 #: curvature; of the difference between the two ways to find them, of what was taken for edges with
 #: points along them, of what voxels' means lie too deep by; where points are neither at random nor
-#: even. The first four are 1.4 times the most likely values for errors of bodies of known volume,
-#: since other bodies were off by that much more (docs/method.md).
+#: even. Most likely for errors of bodies and meshes of known volume, or a little more
+#: (docs/method.md).
 _OF_FACETS = 0.025
 _OF_CURVATURE = 0.2
 _OF_DIFFERENCE = 0.14
