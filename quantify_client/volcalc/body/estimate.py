@@ -206,8 +206,7 @@ def _of_thin_walls(body: Enclosed) -> Estimate:
         of_rim,
         _OF_SHEET * spread**4 * volume,
     )
-    # As much is cut off inside as outside, where both were seen.
-    return Estimate(volume, facets_of(body.surface, _lids(body)).local, outline_std)
+    return Estimate(volume, 0.0, outline_std)
 
 
 @dataclass(frozen=True)
