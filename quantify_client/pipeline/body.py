@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Mapping, NamedTuple, Optional, Tuple, Union
+from typing import Mapping, NamedTuple, Optional, Sequence, Tuple, Union
 
 import numpy as np
+import shapely
 
 from ..cloud import Cloud, Mesh
 from ..crs import Frame
@@ -13,7 +14,8 @@ from ..errors import InputError, QuantifyError
 from ..options import for_objects
 from ..source import Source
 from ..types import AreaResult, Bounds, Faces, FloatArray, Floor, Measurement, Notice, Options
-from ..volcalc.body.measure import floor_and_heap, measure_body
+from ..volcalc.body.heap import HeapFoundError
+from ..volcalc.body.measure import floor_and_heap, heap_outlines, measure_body
 from ..volcalc.body.voxels import Thinned, VoxelAccumulator
 from ..volcalc.body_slices import BodyRecipe
 from ..volcalc.mesh.measure import measure_mesh
@@ -33,7 +35,7 @@ from .common import (
 )
 from .streaming import Progress, gather, stream, thread_count
 
-__all__ = ["ByFaces", "find_floor", "measure_faces", "measure_whole_body"]
+__all__ = ["ByFaces", "find_floor", "find_outlines", "measure_faces", "measure_whole_body"]
 
 #: A cloud whose core is a smaller share of its box than this is read again, in cubes fit for it.
 _LEAST_CORE = 1e-3
@@ -87,6 +89,17 @@ def find_floor(source: Source, frame: Frame, report: Progress) -> Tuple[Optional
     return floor_and_heap(thinned)
 
 
+def find_outlines(
+    source: Source, frame: Frame, threads: int, report: Progress
+) -> Tuple[Sequence[shapely.Polygon], int]:
+    """Return outlines around heaps that are all of a cloud but even ground, metres in the frame.
+
+    And how many points are far from all others.
+    """
+    thinned, left_out, _ = _thinned(source, frame, threads, report)
+    return heap_outlines(thinned), left_out[FAR]
+
+
 def _factor_and_recipe(
     source: Source, frame: Frame, bounds: Bounds, options: Options
 ) -> Tuple[Optional[float], BodyRecipe]:
@@ -113,7 +126,11 @@ def _by_sections(
     factor, recipe = _factor_and_recipe(source, frame, bounds, options)
     report("finding the body", 0.0)
     is_left_open = options.shape == "auto" and not for_objects(options)
-    result = measure_body(source.stem, thinned, recipe, unless_heap=is_left_open)
+    try:
+        result = measure_body(source.stem, thinned, recipe, unless_heap=is_left_open)
+    except HeapFoundError as heap:
+        heap.far = left_out[FAR]
+        raise
     report("finding the body", 1.0)
     return result, left_out, factor
 

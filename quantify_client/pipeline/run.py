@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Mapping, Optional, Sequence, Tuple, Union
 
 from ..crs import Frame
-from ..errors import DesignError, SupportError, UsageError
-from ..options import AUTO, OPTIONS, Options, choose_shape, proposes, read_options
+from ..errors import DesignError, UsageError
+from ..options import OPTIONS, Options, choose_shape, proposes, read_options
 from ..sfm.servers.access import Access
 from ..source import Source, file_of, is_address, open_source
-from ..types import SCHEMA, AreaResult, Floor, Measurement, Notice
+from ..types import SCHEMA, Floor, Measurement
 from .accounting import every_point, left_out, losses
 from .checking import with_check_warnings
 from .common import cloud_warnings, coordinates_of, own_frame, provenance
@@ -273,45 +273,19 @@ def _measured_in(
         options = replace(options, shape="terrain")
     shape = choose_shape(options, has_crs=frame.crs is not None, is_odm=source.is_odm)
     if shape == "terrain":
-        from .terrain import measure_areas
+        from .heaps import measure_terrain
 
-        return measure_areas(source, frame, options, report, base_in)
+        return measure_terrain(source, frame, options, report, base_in)
     from ..volcalc.body.heap import HeapFoundError
     from .body import measure_whole_body
 
     try:
         return measure_whole_body(source, frame, options, report)
-    except HeapFoundError as heap:
-        share, outline = heap.share, heap.outline
-    found, where = _heap_as_terrain(source, frame, options, report, outline)
-    return replace(found, warnings=(*found.warnings, _taken_for_terrain(share, where)))
+    except HeapFoundError as found:
+        heap = found
+    from .heaps import measure_heap
 
-
-def _heap_as_terrain(
-    source: Source, frame: Frame, options: Options, report: Progress, outline: Optional[Any]
-) -> Tuple[Measurement, str]:
-    """Return a heap measured in the outline around it, if any, or as it can be; in words, where."""
-    from .terrain import measure_areas
-
-    terrain = replace(options, shape="terrain")
-    if outline is not None:
-        found = measure_areas(source, frame, terrain, report, outline=outline)
-        if isinstance(found.results[0], AreaResult):
-            return found, "an outline around it, on clear ground"
-    try:
-        found = measure_areas(source, frame, replace(terrain, area=AUTO), report)
-        return found, "the outline that was found (--area auto)"
-    except SupportError:  # nothing that an outline could be drawn around
-        return measure_areas(source, frame, terrain, report), "all of the cloud"
-
-
-def _taken_for_terrain(share: float, where: str) -> Notice:
-    return Notice(
-        "taken-for-terrain",
-        f"{share:.0%} of what stands on the ground is seen from above, and the ground goes on "
-        f"around it: a heap, measured as terrain in {where}; --shape object measures it as a body",
-        share=share,
-    )
+    return measure_heap(source, frame, options, report, heap)
 
 
 def describe(

@@ -49,7 +49,7 @@ from .stockpiles import Drawn, Separated, proposed_areas, separated, with_outlin
 from .streaming import Progress, accumulate, thread_count
 from .whole_cloud import nearest_to_zero, read_whole
 
-__all__ = ["measure_areas"]
+__all__ = ["far_away", "measure_areas"]
 
 #: Points per cube that are rarely exceeded when the cubes fit their area.
 _CROWDED = 16
@@ -123,14 +123,14 @@ def measure_areas(
     options: Options,
     report: Progress,
     base_in: Optional[BaseIn] = None,
-    outline: Optional[shapely.Geometry] = None,
+    outlines: Sequence[shapely.Geometry] = (),
 ) -> Measurement:
     """Measure each area that is drawn or proposed, or the whole cloud.
 
     Parameters
     ----------
     base_in : gives the base, where that is a surface from a file.
-    outline : what to measure of the whole cloud, metres in the frame.
+    outlines : what to measure of the whole cloud, metres in the frame.
     """
     given = None if base_in is None else base_in(source, frame)
     box = bounds_in_frame(source, frame)
@@ -139,7 +139,7 @@ def measure_areas(
         raise UsageError("--base ground goes with areas that were drawn: not with --area auto")
     if options.toe is not None and (options.area is None or proposes(options.area)):
         raise UsageError("--toe moves outlines that were drawn; give them by --area")
-    if options.area is None and outline is None:
+    if options.area is None and not outlines:
         site, warnings = _whole(source, frame, box, options, report)
         if given is not None:
             site = _over(given, site)
@@ -149,15 +149,15 @@ def measure_areas(
     else:
         if proposes(options.area):
             drawn = proposed_areas(source, frame, box, options, report)
-        elif outline is not None:
-            drawn = Drawn(AreaSet((Area(source.stem, outline),), ()))
+        elif outlines:
+            drawn = Drawn(AreaSet(tuple(_named(source.stem, outlines)), ()))
         else:
             drawn = Drawn(drawn_areas(source, frame, options, report))
         parts = separated(drawn)
         areas, proposals = parts.areas, parts.proposals
         warnings = [*drawn.areas.warnings, *parts.warnings()]
         if parts.whole is not None:
-            warnings += _far_away(parts.whole.lost)
+            warnings += far_away(parts.whole.lost)
         batches = _sites(source, frame, parts, box, options, report, warnings)
     if options.accuracy is not None:
         warnings.append(_ACCURACY_IGNORED)
@@ -188,6 +188,12 @@ def measure_areas(
         warnings += _steepness(whole) or _plunges(results)
     measurement = measurement_of(source, frame, "terrain", factor, results, warnings)
     return replace(measurement, proposals=tuple(proposals))
+
+
+def _named(stem: str, outlines: Sequence[shapely.Geometry]) -> Iterator[Area]:
+    """Yield areas, numbered where there are several."""
+    for number, outline in enumerate(outlines, 1):
+        yield Area(f"{stem} {number}" if len(outlines) > 1 else stem, outline)
 
 
 def _levels(source: Source, frame: Frame, options: Options) -> Optional[Sequence[float]]:
@@ -252,7 +258,7 @@ def _whole(
     told: List[str] = []
     (points,) = with_ground([whole.points], source, frame, box, options, report, told)
     area = _AreaSite(source.stem, outline.polygon, points, whole.left_out)
-    return area, [*_far_away(whole.lost), *_outsiders(outline), *told]
+    return area, [*far_away(whole.lost), *_outsiders(outline), *told]
 
 
 def _over(given: Given, site: _AreaSite) -> _AreaSite:
@@ -266,7 +272,7 @@ def _over(given: Given, site: _AreaSite) -> _AreaSite:
     return replace(site, polygon=common)
 
 
-def _far_away(lost: int) -> Iterator[Notice]:
+def far_away(lost: int) -> Iterator[Notice]:
     """Yield a warning of points of a whole cloud that were not measured, or never even read."""
     if lost:
         points = "1 point lies" if lost == 1 else f"{lost} points lie"

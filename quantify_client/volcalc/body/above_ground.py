@@ -38,7 +38,7 @@ from .spaces import OPEN
 from .spacing import spacings
 from .tetrahedra import connected
 
-__all__ = ["AboveGround", "above_ground", "clear_from"]
+__all__ = ["AboveGround", "above_ground", "clear_from", "things"]
 
 #: Ground is clear of what stands on it beyond this many spacings, and this many times the width of
 #: the part of a mean flank that lies within the ground's noise.
@@ -95,18 +95,17 @@ def above_ground(standing: Standing) -> Optional[AboveGround]:
 
     None where too little ground is around it, or that is no even floor: other things stand on it.
     """
-    everything = np.vstack([standing.points, standing.ground])
-    spacing = float(np.median(spacings(everything)))
-    points, counts, of_heap = _merged(standing, everything, spacing)
+    points, counts, of_heap, spacing = _merged(standing)
     tin = Delaunay(points[:, :2])
-    rises = points[:, 2] > _RISES * standing.sure
-    if _elsewhere(tin, counts, of_heap, rises) > _ELSEWHERE:
+    part, tall = _parts(tin, of_heap, points[:, 2] > _RISES * standing.sure)
+    held = np.bincount(part, counts[of_heap])
+    if held[tall].sum() - held[tall].max(initial=0) > _ELSEWHERE * held.sum():
         return None
     triangles = _turned_left(points, tin.simplices)
     area = _areas(points, triangles)
     away = cKDTree(points[of_heap, :2]).query(points[:, :2])[0]
     covered = float(area[of_heap[triangles].all(axis=1)].sum())
-    beside = away > clear_from(standing, covered, spacing)
+    beside = away > clear_from(standing.sure, covered, standing.points[:, 2].max(), spacing)
     inside = ~beside[triangles].all(axis=1)
     thirds = np.repeat(area[inside] / 3.0, 3)
     weight = np.bincount(triangles[inside].ravel(), thirds, len(points)).astype(np.float64)
@@ -128,53 +127,65 @@ def above_ground(standing: Standing) -> Optional[AboveGround]:
     )
 
 
-def clear_from(standing: Standing, area: float, spacing: float) -> float:
+def things(standing: Standing) -> Tuple[List[FloatArray], float]:
+    """Return points (K, 3) of each thing on the ground, upright, metres, and the spacing of all.
+
+    Squares of voxels' means are one point.
+    """
+    points, _, of_heap, spacing = _merged(standing)
+    part, tall = _parts(Delaunay(points[:, :2]), of_heap, points[:, 2] > _RISES * standing.sure)
+    own = points[of_heap]
+    return [own[part == number] for number in np.flatnonzero(tall)], spacing
+
+
+def clear_from(reach: float, area: float, height: float, spacing: float) -> float:
     """Return how far from a heap's points ground is clear of its foot, metres.
 
     Parameters
     ----------
-    area : that the heap covers, square metres.
+    reach : of the ground's noise, metres.
+    area, height : of the heap, square metres and metres.
     spacing : of all points, metres.
     """
-    flank = standing.sure * math.sqrt(area / math.pi) / float(standing.points[:, 2].max())
-    return _CLEAR * spacing + _FLANKS * flank
+    return _CLEAR * spacing + _FLANKS * reach * math.sqrt(area / math.pi) / height
 
 
-def _elsewhere(
-    tin: Delaunay,
-    counts: IntArray,
-    of_heap: npt.NDArray[np.bool_],
-    rises: npt.NDArray[np.bool_],
-) -> float:
-    """Return the share of the points above the ground that are parts of other things.
+def _parts(
+    tin: Delaunay, of_heap: npt.NDArray[np.bool_], rises: npt.NDArray[np.bool_]
+) -> Tuple[IntArray, npt.NDArray[np.bool_]]:
+    """Return the parts of which points above the ground are, and which of these are things.
 
     Few points that hang together, or none of which `rises`, are the ground's noise, and no thing.
+
+    Returns
+    -------
+    (H,) number of the part of each point above the ground; (P,) of each part, whether it is one.
     """
     start, neighbour = tin.vertex_neighbor_vertices
-    point = np.repeat(np.arange(len(counts)), np.diff(start))
+    point = np.repeat(np.arange(len(of_heap)), np.diff(start))
     both = of_heap[point] & of_heap[neighbour]
-    part = connected(point[both], neighbour[both].astype(np.int64), len(counts))[of_heap]
-    held, size = np.bincount(part, counts[of_heap]), np.bincount(part)
-    things = held[(size >= _FEWEST) & (np.bincount(part, rises[of_heap]) > 0)]
-    return float((things.sum() - things.max(initial=0.0)) / held.sum())
+    part = connected(point[both], neighbour[both].astype(np.int64), len(of_heap))[of_heap]
+    size, risen = np.bincount(part), np.bincount(part, rises[of_heap])
+    return part, (size >= _FEWEST) & (risen > 0)
 
 
-def _merged(
-    standing: Standing, points: FloatArray, spacing: float
-) -> Tuple[FloatArray, IntArray, npt.NDArray[np.bool_]]:
-    """Return points, how many of the cloud each is, and which belong to the heap.
+def _merged(standing: Standing) -> Tuple[FloatArray, IntArray, npt.NDArray[np.bool_], float]:
+    """Return points, how many of the cloud each is, which are the heap's, and their spacing.
 
     Means of voxels may lie above each other in noise, of very unequal numbers of points: those in
     squares of a spacing become one.
     """
+    points = np.vstack([standing.points, standing.ground])
+    spacing = float(np.median(spacings(points)))
     counts = np.concatenate([standing.counts, standing.ground_counts])
     of_heap = np.arange(len(points)) < len(standing.points)
     if counts.max() == 1:
-        return points, counts, of_heap
+        return points, counts, of_heap, spacing
     column = columns(points, spacing)
     held = np.bincount(column, counts).astype(np.int64)
     sums = [np.bincount(column, counts * axis) for axis in points.T]
-    return np.column_stack(sums) / held[:, None], held, np.bincount(column, of_heap) > 0
+    merged = np.column_stack(sums) / held[:, None]
+    return merged, held, np.bincount(column, of_heap) > 0, spacing
 
 
 def _ground(

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Optional
+from typing import Any, Optional, Sequence
 
 import numpy as np
 import shapely
 
-from .above_ground import above_ground, clear_from
+from ...types import FloatArray, IntArray
+from .above_ground import clear_from, things
 from .floor import Standing
 from .plane import columns
 from .spacing import spacings
@@ -31,6 +32,9 @@ _STEEP = math.radians(60.0)
 _DEEP = 1.5
 _NOISE = 0.001
 
+#: Ground with more things on it is uneven (chosen).
+_MOST_THINGS = 20
+
 
 class HeapFoundError(Exception):
     """The cloud shows a heap on its ground, and the shape was left to be found.
@@ -38,31 +42,54 @@ class HeapFoundError(Exception):
     Attributes
     ----------
     share : of it that is seen from above.
-    outline : shapely Polygon on even ground around it, metres in the measuring frame, or None.
+    outlines : shapely Polygons on even ground around it, and around others there are, metres in the
+        measuring frame; none where the ground is not like that.
+    far : points of the cloud far from all others, which were left out.
     """
 
-    def __init__(self, share: float, outline: Any) -> None:
+    far = 0
+
+    def __init__(self, share: float, outlines: Sequence[Any]) -> None:
         super().__init__(share)
-        self.share, self.outline = share, outline
+        self.share, self.outlines = share, outlines
 
 
-def around(standing: Standing) -> Optional[Any]:
-    """Return a shapely Polygon around a heap, on ground clear of it, in the cloud's x and y.
+def around(standing: Standing) -> Sequence[Any]:
+    """Return shapely Polygons around heaps, on ground clear of them, in the cloud's x and y.
 
-    None where it is not alone on even ground, where the cloud ends nearer to it, or where there are
-    holes in the ground.
+    The largest is the first. None where the cloud ends nearer to one, where there are holes in the
+    ground, something on it is no heap, or there are so many things that it is not even.
     """
-    if above_ground(standing) is None:
-        return None
-    spacing = float(np.median(spacings(standing.points)))
+    found, spacing = things(standing)
+    if len(found) > _MOST_THINGS:
+        return ()
+    outlines = []
+    for points in found:
+        hull = shapely.convex_hull(shapely.multipoints(standing.as_found(points)[:, :2]))
+        height = float(points[:, 2].max())
+        outlines.append(hull.buffer(clear_from(standing.sure, hull.area, height, spacing)))
+    outline = shapely.union_all(outlines)
     ground = shapely.points(standing.as_found(standing.ground)[:, :2])
-    hull = shapely.convex_hull(shapely.multipoints(standing.as_found(standing.points)[:, :2]))
-    outline = hull.buffer(clear_from(standing, hull.area, spacing))
     if not shapely.covers(shapely.convex_hull(shapely.multipoints(ground)), outline):
-        return None
+        return ()
     low = standing.ground[:, 2] < -_DEEP * standing.sure
     holes = np.count_nonzero(shapely.contains(outline, ground[low]))
-    return outline if holes <= _NOISE * len(standing.points) else None
+    parts = sorted(shapely.get_parts(outline), key=lambda part: -part.area)
+    if holes > _NOISE * len(standing.points) or not _are_heaps(standing, parts, spacing):
+        return ()
+    return parts
+
+
+def _are_heaps(standing: Standing, parts: Sequence[Any], spacing: float) -> bool:
+    """Whether what stands in each outline begins at the ground and is seen from above."""
+    places = standing.as_found(standing.points)[:, :2].T
+    foot = standing.sure + _SIDE * spacing * math.tan(_STEEP)
+    for part in parts:
+        own = shapely.contains_xy(part, *places)
+        points = standing.points[own]
+        if points[:, 2].min() > foot or _seen(points, standing.counts[own]) <= _HEAP:
+            return False
+    return True
 
 
 def heap_share(standing: Standing) -> Optional[float]:
@@ -77,13 +104,16 @@ def seen_from_above(standing: Standing) -> Optional[float]:
     A point is not seen where, within a square of two spacings, another one lies higher than a slope
     of 60 degrees would have it: below an overhang, or on a wall.
     """
-    points = standing.points
-    if standing.pose is None or len(points) < 2 or not standing.ground_count:
+    if standing.pose is None or len(standing.points) < 2 or not standing.ground_count:
         return None
+    return _seen(standing.points, standing.counts)
+
+
+def _seen(points: FloatArray, counts: IntArray) -> float:
     side = _SIDE * float(np.median(spacings(points)))
     square = columns(points, side)
     top = np.full(int(square.max()) + 1, -np.inf)
     np.maximum.at(top, square, points[:, 2])
     # Across the diagonal of a square, a slope may rise by this much.
     rise = math.sqrt(2.0) * side * math.tan(_STEEP)
-    return float(np.average(points[:, 2] >= top[square] - rise, weights=standing.counts))
+    return float(np.average(points[:, 2] >= top[square] - rise, weights=counts))

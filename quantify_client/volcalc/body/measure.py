@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Callable, Optional, Tuple, Union
+from typing import Callable, Optional, Sequence, Tuple, Union
 
 import numpy as np
 import numpy.typing as npt
@@ -25,7 +25,7 @@ from .occupancy import cover, occupancy_volume
 from .voxels import Merged, Thinned
 from .warnings import body_warnings, why_open
 
-__all__ = ["floor_and_heap", "measure_body"]
+__all__ = ["floor_and_heap", "heap_outlines", "measure_body"]
 
 #: A surface bulges beyond its points only a little where they show its shape. A volume of more than
 #: this many boxes round all points is wrong.
@@ -152,6 +152,13 @@ def floor_and_heap(cloud: Thinned) -> Tuple[Optional[Floor], bool]:
     return local.in_frame(standing.floor), heap_share(standing) is not None
 
 
+def heap_outlines(cloud: Thinned) -> Sequence[shapely.Polygon]:
+    """Return outlines around heaps that stand on even ground, in the cloud's x and y."""
+    local = _LocalFrame.of(cloud, 1.0)
+    standing = stand(local.apply(cloud.points), cloud.counts, "auto")
+    return () if heap_share(standing) is None else local.outlines(standing)
+
+
 @dataclass(frozen=True)
 class _LocalFrame:
     """Coordinates near the body: metres on the ground from an origin."""
@@ -167,9 +174,12 @@ class _LocalFrame:
         """(N, 3) points of the measuring frame in this one."""
         return (points - self.origin) / self.scale
 
-    def undo_flat(self, xy: FloatArray) -> FloatArray:
-        """(N, 2) places of this frame in the measuring frame."""
-        return np.asarray(xy * self.scale[:2] + self.origin[:2])
+    def outlines(self, standing: Standing) -> Sequence[shapely.Polygon]:
+        """Return the outlines around heaps, if any, in the measuring frame."""
+        return [
+            shapely.transform(found, lambda xy: xy * self.scale[:2] + self.origin[:2])
+            for found in around(standing)
+        ]
 
     def in_frame(self, floor: Optional[Floor]) -> Optional[Floor]:
         """Return a floor with its elevation in the measuring frame."""
@@ -200,8 +210,7 @@ def _enclosed(
     standing = stand(local.apply(cloud.points), cloud.counts, floor)
     share = heap_share(standing)
     if unless_heap and share is not None:
-        outline = around(standing)
-        raise HeapFoundError(share, outline and shapely.transform(outline, local.undo_flat))
+        raise HeapFoundError(share, local.outlines(standing))
     body = _enclose(standing.points, standing.lid, recipe)
     heap = None if share is None else _heap(standing, body, recipe)
     if heap is not None:
