@@ -7,6 +7,7 @@ neighbours turned to the cameras, closed at the floor) and the convex hull, like
 needed for Poisson and to read meshes.
 
     python benchmarks/scans.py [--bodies 20] [--meshes FOLDER] [--points 20000] [--known-cameras]
+                               [--least 2 --slant 20]
 
 Constants were set with seeds 9000 to 9020, 40000 to 40009 and 50000 to 50009 and with 19 meshes in
 sight; the table of docs/method.md is of other seeds, and of meshes that nothing was looked at with.
@@ -142,6 +143,10 @@ def main() -> None:
     parser.add_argument("--points", type=int, default=20_000, help="on the whole surface")
     parser.add_argument("--first-seed", type=int, default=FIRST_SEED)
     parser.add_argument("--known-cameras", action="store_true")
+    parser.add_argument("--least", type=int, default=1, help="cameras that a point takes")
+    parser.add_argument(
+        "--slant", type=float, default=0.0, help="least angle to the surface, degrees"
+    )
     given = parser.parse_args()
     bodies = list(meshes(given.meshes)) if given.meshes else []
     bodies += [random_body(given.first_seed + k) for k in range(given.bodies)]
@@ -149,7 +154,10 @@ def main() -> None:
     for number, body in enumerate(bodies):
         still = resting(body, given.first_seed + number)
         for cameras, ground in KINDS:
-            view = scene(still, given.points, cameras, ground, DISPLACED, given.first_seed + number)
+            seed = given.first_seed + number
+            view = scene(
+                still, given.points, cameras, ground, DISPLACED, seed, given.least, given.slant
+            )
             one = trial(view, given.known_cameras)
             found[cameras, ground].setdefault(f"{number}", []).append(one)
             print(

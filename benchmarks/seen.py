@@ -3,7 +3,9 @@
 A scene is a body (a closed mesh, or a random union of `tests/solids.py`) that rests on a face of
 its convex hull, as loose things do. Cameras stand on two rings around it. Of random points on it
 and on the ground those are kept that one of the cameras sees: hidden points are removed as in Katz,
-Tal and Basri 2007. Errors of a reconstruction are smooth: all points are moved by a random field.
+Tal and Basri 2007. Photographs show less: a point takes two or three cameras, none of which sees
+its surface at a slant (`least`, `slant`). Errors of a reconstruction are smooth: all points are
+moved by a random field.
 """
 
 from __future__ import annotations
@@ -14,7 +16,7 @@ from pathlib import Path
 from typing import Iterator
 
 import numpy as np
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, cKDTree
 from scipy.spatial.transform import Rotation
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
@@ -116,8 +118,34 @@ def displaced(
     return moved
 
 
-def scene(body: Body, count: int, cameras: int, on_ground: bool, amount: float, seed: int) -> Scene:
-    """Return what some cameras see of a body: of `count` points on it, and of the ground."""
+def slanted(points: np.ndarray, camera: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """(N,) angles between the line of sight and the surface, degrees."""
+    away = camera - points
+    cosine = np.abs((away * normals).sum(axis=1)) / np.linalg.norm(away, axis=1)
+    return np.asarray(np.degrees(np.arcsin(np.minimum(cosine, 1.0))))
+
+
+def normals_of(points: np.ndarray) -> np.ndarray:
+    """(N, 3) unit normals of planes through twelve neighbours."""
+    near = points[cKDTree(points).query(points, 12)[1]]
+    near -= near.mean(axis=1, keepdims=True)
+    return np.asarray(np.linalg.eigh(np.einsum("nki,nkj->nij", near, near))[1][:, :, 0])
+
+
+def scene(
+    body: Body,
+    count: int,
+    cameras: int,
+    on_ground: bool,
+    amount: float,
+    seed: int,
+    least: int = 1,
+    slant: float = 0.0,
+) -> Scene:
+    """Return what some cameras see of a body: of `count` points on it, and of the ground.
+
+    What fewer than `least` see, at no less than `slant` degrees to its surface, is left out.
+    """
     rng = np.random.default_rng([seed, cameras])
     points = body.surface(count, rng)
     low, high = points.min(axis=0), points.max(axis=0)
@@ -128,10 +156,14 @@ def scene(body: Body, count: int, cameras: int, on_ground: bool, amount: float, 
     ground = np.column_stack([ground, np.zeros(len(ground))])
     everything = np.vstack([points, ground])
     places = rings(cameras, middle, side, rng)
-    by = np.full(len(everything), -1)
+    by, seen = np.full(len(everything), -1), np.zeros(len(everything), dtype=np.int64)
+    normals = np.vstack([normals_of(points), np.tile([0.0, 0.0, 1.0], (some, 1))])
     for number in rng.permutation(cameras):
-        by[visible(everything, places[number])] = number
-    kept = by >= 0
+        shown = visible(everything, places[number])
+        shown = shown[slanted(everything[shown], places[number], normals[shown]) >= slant]
+        by[shown] = number
+        seen[shown] += 1
+    kept = seen >= least
     share = float(kept[:count].mean())
     if not on_ground:
         kept[count:] = False

@@ -19,7 +19,10 @@ from quantify_client.types import Measurement
 POINTS = scan(sphere(), 3_000, 5, Flaws(missing=0.15))
 MIDDLE = POINTS.mean(axis=0)
 AROUND = 2 * np.pi * np.arange(12) / 12
-RING = np.column_stack([4 * np.cos(AROUND), 4 * np.sin(AROUND), np.full(12, -0.2)]) + MIDDLE
+HEIGHTS = np.where(
+    np.arange(12) % 2, -3.0, -0.2
+)  # two rings: what one sees from along, the other sees
+RING = np.column_stack([4 * np.cos(AROUND), 4 * np.sin(AROUND), HEIGHTS]) + MIDDLE
 
 
 def written(path: Path, points: np.ndarray) -> Path:

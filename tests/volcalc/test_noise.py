@@ -63,6 +63,20 @@ def test_the_shape_of_a_cone_is_not_noise():
     assert noise.correlated == 0
 
 
+@pytest.mark.parametrize("radius", [16, 22, 34, 44])
+def test_the_shape_of_a_cone_is_not_noise_where_the_cloud_ends_at_it(radius):
+    """A quarter of the radius is ground: a band of 16 cells would be the cone, all of it shape."""
+    rng = np.random.default_rng(4)
+    row, column = np.indices(SHAPE)
+    distance = np.hypot(row - 45, column - 55)
+    whole = 160.0 + np.maximum(0, 0.15 * (0.75 * radius - distance)) + rng.normal(0, 0.01, SHAPE)
+    inside = distance < radius
+    z = np.where(inside, whole, np.nan)
+    noise = measure_noise(z, np.full(SHAPE, 4), ANYWHERE, whole, inside.astype(float))
+    assert noise.independent == pytest.approx(0.01, rel=0.3)
+    assert noise.correlated < 0.01
+
+
 def test_points_by_chance_on_a_slope_count_as_slope_over_root_of_12_n():
     row, column = np.indices(SHAPE)
     z = 160.0 + 0.6 * column

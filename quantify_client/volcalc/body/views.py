@@ -22,6 +22,7 @@ from scipy.spatial import ConvexHull
 
 from ...types import FloatArray, IntArray
 from .patches import Patches
+from .sights import Agreement, one_is_enough
 from .spacing import spacings
 
 __all__ = ["HIGHEST", "Views", "lowest_told", "places_all_round"]
@@ -228,12 +229,14 @@ class Views:
     patches : of the points; their normals point to the outside.
     seen : (N,) int64, how many cameras see each.
     fair : (K,) False for cameras that look into the body through an opening, and are left out.
+    in_need : (K,) True for cameras that tell of empty space only where they agree.
     """
 
     patches: Patches
     seen: IntArray
     views: List[_View]
     fair: npt.NDArray[np.bool_]
+    in_need: npt.NDArray[np.bool_]
 
     @property
     def normals(self) -> FloatArray:
@@ -285,7 +288,10 @@ class Views:
             fair &= ~into
         for number in np.flatnonzero(fair):
             views[number].judge(seen[number], sign * cosine[number], _BEFORE * spacing)
-        return cls(turned, seen[fair].sum(axis=0), views, fair)
+        in_need = fair & (np.arange(len(views)) < known)
+        front = (seen & (sign * cosine > 0.0))[in_need, : own.shape[1]]
+        in_need &= not one_is_enough(front)
+        return cls(turned, seen[fair].sum(axis=0), views, fair, in_need)
 
     def empty(
         self, points: FloatArray, some: npt.NDArray[np.bool_], enough: int
@@ -295,14 +301,19 @@ class Views:
         Parameters
         ----------
         some : (K,) True for the cameras that are asked.
-        enough : no more are asked of a point that so many see through to something.
+        enough : no more are asked of a point that so many see through to something, unless they
+            have to agree.
         """
         before, beyond = np.zeros((2, len(points)), dtype=np.int64)
-        open_to = np.arange(len(points))
-        for view, asked in zip(self.views, some & self.fair):
-            if asked:
-                one, other = view.shows_empty(points[open_to])
-                before[open_to] += one
-                beyond[open_to] += other
+        open_to, asked = np.arange(len(points)), some & self.fair
+        agreement = Agreement(points) if (asked & self.in_need).any() else None
+        for number in np.flatnonzero(asked):
+            one, other = self.views[number].shows_empty(points[open_to])
+            before[open_to] += one
+            beyond[open_to] += other
+            if agreement is None:
                 open_to = open_to[before[open_to] < enough]
-        return before, beyond
+            else:
+                agreement.add(self.views[number].place, one | other)
+        sure = True if agreement is None else agreement.empty()
+        return before * sure, beyond * sure

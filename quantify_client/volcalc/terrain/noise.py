@@ -49,8 +49,11 @@ _LEAST_BLOCKS = 10
 #: Differences of single cells around the area that are enough to measure the noise there.
 _ENOUGH_AROUND = 400
 
-#: Width of the band inside the rim that is used where there is nothing outside, in cells.
+#: Width of the band inside the rim that is used where there is nothing outside, in cells; and at
+#: most, as a share of how deep the area is: farther in lies what is measured. (Of a heap's flank
+#: shape and correlated noise look alike, and all counts as noise.)
 _BAND_CELLS = 16
+_BAND_SHARE = 0.25
 
 #: Differences per degree of freedom of a variance, by their order: neighbouring differences share
 #: blocks, and a quantile is an inefficient estimate.
@@ -133,7 +136,8 @@ def _ground_around(z: FloatArray, fraction: FloatArray) -> tuple[FloatArray, int
     if _squares(outside) >= _ENOUGH_AROUND:
         return outside, 1
     depth = ndimage.distance_transform_edt(np.pad(fraction > 0, 1))[1:-1, 1:-1]
-    band = np.where(depth > _BAND_CELLS, np.nan, z)
+    width = min(_BAND_CELLS, _BAND_SHARE * float(depth.max()))
+    band = np.where(depth > width, np.nan, z)
     return (band, 1) if _squares(band) >= _ENOUGH_AROUND else (z, 2)
 
 
