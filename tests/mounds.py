@@ -80,7 +80,7 @@ def random_heap(rng: np.random.Generator, kind: str) -> Heap:
         one, other = left - ring(x + a - left, y), right - ring(x - a + right, y)
         return slope * over(np.maximum(one, other))
 
-    step = a / 1500.0
+    step = a / 500.0
     x, y = np.meshgrid(*[np.arange(-a, a, step) + 0.5 * step] * 2)
     return Heap(kind, pair, float(pair(x, y).sum()) * step**2, a, slope * max(left, right))
 
