@@ -98,9 +98,11 @@ def _ground(
 
 def apart(points: np.ndarray, least: float) -> np.ndarray:
     """Return points of which no two are nearer than a distance, the first ones of each place."""
-    tree, kept = cKDTree(points), np.ones(len(points), dtype=bool)
+    pairs = cKDTree(points).query_pairs(least, output_type="ndarray")
+    pairs = pairs[np.argsort(pairs[:, 0], kind="stable")]
+    starts = np.searchsorted(pairs[:, 0], np.arange(len(points) + 1))
+    kept = np.ones(len(points), dtype=bool)
     for number in range(len(points)):
         if kept[number]:
-            near = np.array(tree.query_ball_point(points[number], least))
-            kept[near[near > number]] = False
+            kept[pairs[starts[number] : starts[number + 1], 1]] = False
     return points[kept]

@@ -325,7 +325,7 @@ these show traces of it in every crease."""
 
 
 @lru_cache(maxsize=128)
-def random_body(seed: int) -> Body:
+def random_body(seed: int, cells: int = _CELLS) -> Body:
     """Return 2 to 6 boxes, balls and cylinders that hang together; the volume has its own error."""
     rng = np.random.default_rng(seed)
     while True:
@@ -335,7 +335,7 @@ def random_body(seed: int) -> Body:
             shift = host.inner_point(rng) - part.inner_point(rng)
             parts.append(replace(part, middle=part.middle + shift))
         if water_share(parts) < _MOST_WATER:
-            return union(f"random {seed}", parts, *union_volume(parts))
+            return union(f"random {seed}", parts, *union_volume(parts, cells))
 
 
 def _random_part(rng: np.random.Generator) -> Part:

@@ -22,7 +22,7 @@ from quantify_client.types import AreaResult
 
 pytestmark = pytest.mark.one_python
 
-COUNT = 3_000
+COUNT = 2_000
 NAMES = ["cube, rotated", "torus, lying", "four legs"]
 FLAWS = Flaws(noise=0.003, outliers=0.005)
 
@@ -147,7 +147,7 @@ def test_scaling_where_surveys_are() -> None:
 
 
 def test_the_number_of_levels_hardly_matters() -> None:
-    sphere = scan(BODIES["sphere"](), 4_000, seed=1103)
+    sphere = scan(BODIES["sphere"](), 2_000, seed=1103)
     volumes = {n: volume_of(sphere, slices=n).volume_m3 for n in (10, 31, 100, 1000)}
     print(volumes)
     assert max(volumes.values()) / min(volumes.values()) - 1 < 0.003
@@ -172,7 +172,7 @@ def test_the_slices_sum_to_the_volume(name: str, slices: Any) -> None:
 
 
 def test_each_slice_holds_its_part_of_a_sphere() -> None:
-    sphere = scan(BODIES["sphere"](), 20_000, seed=1104)
+    sphere = scan(BODIES["sphere"](), 10_000, seed=1104)
     result = volume_of(sphere, slices=10)
     edges = np.linspace(-0.5, 0.5, 11)
     below = np.pi * (edges / 4 - edges**3 / 3)
