@@ -443,7 +443,7 @@ def test_holes_of_a_design_are_told_with_their_area_or_refused(pile, tmp_path):
 @pytest.mark.parametrize("count", [4, 6, 9])
 def test_few_floor_points_have_wide_intervals(tmp_path, count):
     # The floor points alone make these intervals: a third of the pile's points says as much.
-    pile = cloud_at(tmp_path / "pile.laz", cone, count=20_000)
+    pile = cloud_at(tmp_path / "pile.laz", cone, count=8_000)
     inside = 0
     for seed in range(20):
         rng = np.random.default_rng([seed, count])

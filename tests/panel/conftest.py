@@ -64,7 +64,6 @@ def stand_in(tmp_path_factory):
             stdout=subprocess.PIPE,
             stderr=log,
             text=True,
-            env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},
         )
     try:
         address = server.stdout.readline().strip()
