@@ -224,7 +224,7 @@ def test_errors_of_known_kriging_are_as_large_as_it_says(kind: str, wavelength: 
     z = []
     for seed in range(40):
         rng = np.random.default_rng(seed)
-        x, y = rng.uniform(-15, 15, (2, 4_000))
+        x, y = rng.uniform(-12, 12, (2, 2_600))
         outline = sites.star(rng, 6.0).polygon
         field = grounds.gaussian_field(rng, grounds.matern(smoothness), 30.0, wavelength)
         heights = known_kriging.RELIEF * field(x, y) + rng.normal(0, 0.01, len(x))
