@@ -83,11 +83,11 @@ def tasks(stand_in):
 
 
 @pytest.fixture(scope="session")
-def task_cloud(tmp_path_factory):
+def task_cloud(stand_in, tmp_path_factory):
     """The cloud where OpenDroneMap puts it: its heights mean something else than a surveyor's."""
     cloud = tmp_path_factory.mktemp("task") / "odm_georeferencing" / "odm_georeferenced_model.laz"
     cloud.parent.mkdir()
-    shutil.copy(DEMO, cloud)
+    shutil.copy(stand_in[1] / "cloud.laz", cloud)
     return cloud
 
 

@@ -92,7 +92,7 @@ def test_the_3d_view_of_a_task_without_a_map_measures_the_whole_cloud(model_page
     page.measure()
     [expected] = measure(task_cloud, shape="terrain").results
     # Shown in the digits that its standard deviation leaves.
-    shown = float(page.hero().split()[0])
+    shown = float(page.hero().split()[0].replace("\u2212", "-"))
     assert shown == pytest.approx(expected.volume_m3, abs=expected.std_m3 / 10)
     assert page.page.locator(".vc-legend").count() == 0  # its colours would be on a map
     page.page.click("text=New measurement")

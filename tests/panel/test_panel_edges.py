@@ -245,7 +245,7 @@ def test_what_older_versions_saved_is_told_in_the_end(open_page, tasks, outline,
     (result,) = document["measurement"]["results"]
     slices = result["slices"][:1] * 2000
     document["measurement"]["results"] = [{**result, "slices": slices}] * 4
-    old = [folder / f"{place:032x}.json" for place in range(20)]
+    old = [folder / f"{place:032x}.json" for place in range(12)]
     for place, path in enumerate(old):
         path.write_text(json.dumps({**document, "id": path.stem, "name": f"Old {place}"}))
     assert 300_000 < old[0].stat().st_size < 1_000_000
@@ -260,7 +260,7 @@ def test_what_older_versions_saved_is_told_in_the_end(open_page, tasks, outline,
             path.write_text(path.read_text() + " ")
         page.page.click("role=tab[name='Over time']")
         page.page.wait_for_selector("text=of an older version are still being read")
-        page.page.wait_for_selector(".vc-table tbody tr >> nth=20")
+        page.page.wait_for_selector(".vc-table tbody tr >> nth=12")
         page.page.wait_for_selector("text=still being read", state="detached")
     finally:
         for path in old:
