@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -184,18 +185,23 @@ def test_nothing_is_cut_off_along_an_edge_with_points_on_it():
     assert found.along_share == pytest.approx(1.0)
 
 
+def sampling_std(points):
+    budget = volume_of(points).budget
+    return next(one.std_m3 for one in budget if one.source == "sampling")
+
+
+@cache
+def small_ball():
+    """Random points, and how well their sampling is known."""
+    points = 0.5 * ball(6_000, np.random.default_rng(2))
+    return points, sampling_std(points)
+
+
 @pytest.mark.parametrize("ratios", [(0.5, 0.8), (2 / 3, 0.65)])
 def test_of_points_in_groups_facets_are_known_less_well(monkeypatch, ratios):
     """As of vertices of marching cubes, however coarse the triangles of a third of them are."""
-    way = np.random.default_rng(2).normal(size=(6_000, 3))
-    points = 0.5 * way / np.linalg.norm(way, axis=1)[:, None]
+    points, alone = small_ball()
     facets = math.pi / 6.0 - ConvexHull(points).volume
-
-    def sampling_std():
-        budget = volume_of(points).budget
-        return next(one.std_m3 for one in budget if one.source == "sampling")
-
-    alone = sampling_std()
     monkeypatch.setattr(estimate, "nearness", lambda _: ratios)
-    more = math.sqrt(sampling_std() ** 2 - alone**2)
+    more = math.sqrt(sampling_std(points) ** 2 - alone**2)
     assert more == pytest.approx(0.9 * 4 / 27 * facets, rel=0.1)

@@ -148,7 +148,7 @@ def test_under_nohup_a_hangup_is_no_end(begin, arguments):
     def ignore():
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
 
-    process = begin("demo", *arguments["demo"], slow=WRITING["demo"], prepare=ignore)
+    process = begin("volume", *arguments["volume"], slow=WRITING["volume"], prepare=ignore)
     process.send_signal(signal.SIGHUP)
     time.sleep(0.5)
     assert process.poll() is None
@@ -158,7 +158,7 @@ def test_under_nohup_a_hangup_is_no_end(begin, arguments):
 
 
 def test_signals_while_it_cleans_up_do_not_stop_that(begin, arguments, tmp_path):
-    process = begin("demo", *arguments["demo"], slow=WRITING["demo"])
+    process = begin("volume", *arguments["volume"], slow=WRITING["volume"])
     for _ in range(3):
         process.send_signal(signal.SIGTERM)
         process.send_signal(signal.SIGHUP)
