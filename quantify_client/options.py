@@ -334,8 +334,9 @@ class Options:
     )
     cameras: Optional[Any] = _option(
         None,
-        "where photographs were taken (shots.geojson, geo.txt, or any text of x, y, z): tells "
-        "which space was seen to be empty (default: what the ODM project says)",
+        "where photographs were taken (shots.geojson, geo.txt, any text of x, y, z, or a folder of "
+        "photographs with GPS): tells which space was seen to be empty (default: what the ODM "
+        "project says)",
         OBJECT,
         goes_with="section",
         **_FILE,

@@ -14,7 +14,8 @@ PLACE = {1: "N", 2: (34.0, 24.0, 29.9), 3: "W", 4: (119.0, 52.0, 47.6)}
 def photograph(path, *, seed=0, gps=True, camera=("DJI", "FC220"), pad=0, size=(64, 48)):
     """Write a small picture with a header; `pad` bytes follow its end, as with some cameras.
 
-    `gps` may be a longitude and latitude in degrees; True is the same place for all.
+    `gps` may be a longitude and latitude in degrees, and an altitude; True is the same place for
+    all.
     """
     rng = np.random.default_rng(seed)
     image = Image.fromarray(rng.integers(0, 255, (size[1], size[0], 3), dtype=np.uint8))
@@ -30,15 +31,18 @@ def photograph(path, *, seed=0, gps=True, camera=("DJI", "FC220"), pad=0, size=(
     return path
 
 
-def place_of(lon, lat):
-    """Return the GPS directory of a place in degrees."""
+def place_of(lon, lat, *altitude):
+    """Return the GPS directory of a place in degrees, and metres above the sea."""
 
     def parts(angle):
         degrees, rest = divmod(abs(float(angle)), 1.0)
         minutes, rest = divmod(60.0 * rest, 1.0)
         return degrees, minutes, 60.0 * rest
 
-    return {1: "S" if lat < 0 else "N", 2: parts(lat), 3: "W" if lon < 0 else "E", 4: parts(lon)}
+    found = {1: "S" if lat < 0 else "N", 2: parts(lat), 3: "W" if lon < 0 else "E", 4: parts(lon)}
+    for height in altitude:
+        found.update({5: b"\1" if height < 0 else b"\0", 6: abs(height)})
+    return found
 
 
 def photographs(folder, count=6, pad=0, **rest):

@@ -8,6 +8,7 @@ from typing import Any, Dict, Mapping
 
 import numpy as np
 import pytest
+from photographs import photograph
 from pyproj import Transformer
 from scans import Flaws, scan
 from solids import sphere
@@ -107,6 +108,40 @@ def test_a_list_of_odm_says_in_which_crs_its_places_are(cloud: Path, tmp_path: P
     listed.write_text("EPSG:4326\n" + rows[0] + "\nand so on\n")
     with pytest.raises(QuantifyError, match="line 3 is 'and so on', and no name, x, y and z"):
         measure(cloud, source_unit="m", cameras=listed)
+
+
+def taken_at(places: np.ndarray, folder: Path) -> Path:
+    """Write photographs that say in degrees where they were taken."""
+    folder.mkdir()
+    lon, lat = Transformer.from_crs(32632, 4326, always_xy=True).transform(*places[:, :2].T)
+    for number, place in enumerate(zip(lon, lat, places[:, 2].tolist())):
+        photograph(folder / f"{number}.jpg", gps=place)
+    return folder
+
+
+def test_the_gps_of_photographs_tells_where_they_were_taken(tmp_path: Path) -> None:
+    """A ball of 24 m, and cameras 48 m from its middle."""
+    large = written(tmp_path / "ball.xyz", MIDDLE + 12.0 * (POINTS - MIDDLE))
+    ring = MIDDLE + 12.0 * (RING - MIDDLE)
+    folder = taken_at(ring, tmp_path / "photographs")
+    photograph(folder / "flat.jpg", gps=(9.0, 40.6))  # no altitude
+    (folder / "notes.txt").write_text("wind from the west")
+
+    def volume(cameras: Path) -> float:
+        found = measure(large, shape="object", crs="EPSG:32632", cameras=cameras)
+        assert told(found)["surface-completed"]["cameras"] == 12
+        return float(found.results[0].volume_m3)
+
+    plain = volume(written(tmp_path / "cameras.txt", ring))
+    assert volume(folder) == pytest.approx(plain, rel=1e-3)
+    with pytest.raises(QuantifyError, match="and the cloud has no CRS"):
+        measure(large, source_unit="m", cameras=folder)
+    small = written(tmp_path / "small.xyz", MIDDLE + 4.0 * (POINTS - MIDDLE))
+    near = taken_at(MIDDLE + 4.0 * (RING - MIDDLE), tmp_path / "near")
+    with pytest.raises(QuantifyError, match="known to some metres; expected 30 m and more"):
+        measure(small, shape="object", crs="EPSG:32632", cameras=near)
+    with pytest.raises(QuantifyError, match="no photograph in it says where it was taken"):
+        measure(large, source_unit="m", cameras=tmp_path)
 
 
 @pytest.mark.parametrize(

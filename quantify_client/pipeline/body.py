@@ -91,13 +91,10 @@ def find_floor(source: Source, frame: Frame, report: Progress) -> Tuple[Optional
 
 def find_outlines(
     source: Source, frame: Frame, threads: int, report: Progress
-) -> Tuple[Sequence[shapely.Polygon], int]:
-    """Return outlines around heaps that are all of a cloud but even ground, metres in the frame.
-
-    And how many points are far from all others.
-    """
+) -> Sequence[shapely.Polygon]:
+    """Return outlines around heaps that are all of a cloud but even ground, metres in the frame."""
     thinned, left_out, _ = _thinned(source, frame, threads, report)
-    return heap_outlines(thinned), left_out[FAR]
+    return () if left_out[FAR] else heap_outlines(thinned)
 
 
 def _factor_and_recipe(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import struct
+from contextlib import suppress
 from pathlib import Path
 from typing import List, Optional
 
@@ -15,6 +17,7 @@ from ..errors import ControlError, CrsError, InputError
 from ..options import Options
 from ..sfm.odm.json_files import features, numbers, read_object
 from ..sfm.odm.layout import SHOTS
+from ..sfm.photos.formats import header, kind_of
 from ..source import Source
 from ..types import MAX_COORDINATE, FloatArray
 
@@ -22,9 +25,12 @@ __all__ = ["cameras_of"]
 
 _MOST = 20_000  # more is a cloud
 _EXPECTED = (
-    "positions of cameras: ODM's odm_report/shots.geojson, or a text file of x, y, z, with or "
-    "without the name of a photograph before them"
+    "positions of cameras: ODM's odm_report/shots.geojson, a text file of x, y, z, with or "
+    "without the name of a photograph before them, or a folder of photographs with GPS"
 )
+#: GPS of photographs is known to some 3 m: a tenth of this distance from the cloud (chosen).
+_LEAST_BY_GPS = 30.0
+_WGS84 = "EPSG:4326"
 _LISTS = (".csv", ".txt", ".xyz")
 _LARGEST_LIST = 5_000_000  # bytes
 _CRS = re.compile(r"EPSG:|\+(proj|init)=|WGS ?84|(PROJ|GEOG|COMPD?)_?(CS|CRS)", re.I)
@@ -50,7 +56,7 @@ def cameras_of(source: Source, frame: Frame, options: Options) -> Optional[Float
     if not 0 < len(places) <= _MOST:
         raise InputError(f"{name}: {len(places):,} places; expected {_EXPECTED}, 1 to {_MOST:,}")
     moved = _moved(places, frame)
-    _require_near(source, frame, moved, name)
+    _require_near(source, frame, moved, name, by_gps=Path(name).is_dir())
     return moved
 
 
@@ -59,6 +65,8 @@ def _moved(places: FloatArray, frame: Frame) -> FloatArray:
 
 
 def _of_file(path: Path, frame: Frame) -> FloatArray:
+    if path.is_dir():
+        return _of_folder(path, frame)
     if path.suffix.lower() in (".geojson", ".json"):
         try:
             return _of_shots(path)
@@ -70,6 +78,23 @@ def _of_file(path: Path, frame: Frame) -> FloatArray:
             return listed
     chunks = [np.column_stack([c.x, c.y, c.z]) for c in open_positions(path).chunks()]
     return np.vstack([np.empty((0, 3)), *chunks])
+
+
+def _of_folder(folder: Path, frame: Frame) -> FloatArray:
+    """Return where the photographs in a folder were taken, in the cloud's own coordinates."""
+    found: List[List[float]] = []
+    for path in sorted(path for path in folder.iterdir() if path.is_file()):
+        with suppress(ValueError, struct.error, OSError):
+            kind = kind_of(path)
+            told = kind and header(path, kind)
+            if told and told.lonlat is not None and told.altitude is not None:
+                found.append([*told.lonlat, told.altitude / frame.z_unit_m])
+    if not found:
+        raise InputError(
+            f"{folder}: no photograph in it says where it was taken (GPS with an altitude); "
+            f"expected {_EXPECTED}"
+        )
+    return _from_crs(np.array(found), _WGS84, frame, folder)
 
 
 def _of_photographs(path: Path, frame: Frame) -> Optional[FloatArray]:
@@ -97,12 +122,12 @@ def _of_photographs(path: Path, frame: Frame) -> Optional[FloatArray]:
     found = np.array([[as_number(field) for field in row[1:4]] for row in rows])
     places: FloatArray = found[(np.abs(found) < MAX_COORDINATE).all(axis=1)]
     if crs is not None and len(places):
-        places[:, :2] = _from_crs(places, crs, frame, path)
+        places = _from_crs(places, crs, frame, path)
     return places
 
 
 def _from_crs(places: FloatArray, crs: str, frame: Frame, path: Path) -> FloatArray:
-    """Return x and y of places in the cloud's own CRS."""
+    """Return places with x and y in the cloud's own CRS."""
     if frame.cloud_crs is None:
         raise InputError(
             f"{path}: its places are in {crs[:60]!r}, and the cloud has no CRS; give positions in "
@@ -110,7 +135,7 @@ def _from_crs(places: FloatArray, crs: str, frame: Frame, path: Path) -> FloatAr
         )
     try:
         x, y = places[:, :2].T.copy()
-        return np.column_stack(positions_to(x, y, crs, frame.cloud_crs))
+        return np.column_stack([*positions_to(x, y, crs, frame.cloud_crs), places[:, 2]])
     except CrsError as error:
         raise InputError(f"{path}: {error}") from error
 
@@ -129,8 +154,13 @@ def _of_shots(path: Path) -> FloatArray:
     return np.array(found)
 
 
-def _require_near(source: Source, frame: Frame, cameras: FloatArray, name: str) -> None:
-    """Refuse cameras that cannot have taken this cloud: other coordinates, or another cloud."""
+def _require_near(
+    source: Source, frame: Frame, cameras: FloatArray, name: str, by_gps: bool
+) -> None:
+    """Refuse cameras that cannot have taken this cloud: other coordinates, or another cloud.
+
+    And those nearer to it than GPS can tell.
+    """
     if source.cloud.info.bounds is None:
         return
     box = frame.bounds_to_frame(source.cloud.info.bounds)
@@ -142,4 +172,12 @@ def _require_near(source: Source, frame: Frame, cameras: FloatArray, name: str) 
             f"{name}: its cameras are around x {away[0]:.2f}, y {away[1]:.2f} m, far from the "
             f"cloud (x {low[0]:.2f} to {high[0]:.2f}, y {low[1]:.2f} to {high[1]:.2f} m); give "
             "positions in the cloud's own coordinates"
+        )
+    middle = [0.5 * (box.min_x + box.max_x), 0.5 * (box.min_y + box.max_y), box.max_z]
+    distance = float(np.median(np.linalg.norm(cameras - middle, axis=1)))
+    if by_gps and distance < _LEAST_BY_GPS:
+        raise InputError(
+            f"{name}: its photographs were taken {distance:.0f} m from the cloud, and their GPS is "
+            f"known to some metres; expected {_LEAST_BY_GPS:.0f} m and more; give the positions "
+            "that the reconstruction found (odm_report/shots.geojson)"
         )

@@ -34,8 +34,8 @@ def measure_terrain(
     if as_found == "object" and base_in is None:
         from .body import find_outlines  # late: terrain needs nothing else of bodies
 
-        outlines, far = find_outlines(source, frame, options.threads, report)
-        found = _in_outlines(source, frame, options, report, outlines, far)
+        outlines = find_outlines(source, frame, options.threads, report)
+        found = _in_outlines(source, frame, options, report, outlines)
         if found is not None:
             stand = "stands" if len(outlines) == 1 else "stand"
             told = Notice(
@@ -70,8 +70,9 @@ def _anyhow(
     source: Source, frame: Frame, options: Options, report: Progress, heap: HeapFoundError
 ) -> Tuple[Measurement, str]:
     """Return a heap's measurement, and where it was measured, in words."""
-    found = _in_outlines(source, frame, options, report, heap.outlines, heap.far)
+    found = _in_outlines(source, frame, options, report, heap.outlines)
     if found is not None:
+        found = replace(found, warnings=(*found.warnings, *far_away(heap.far)))
         return found, f"{_around(heap.outlines)}, on clear ground"
     try:
         found = measure_areas(source, frame, replace(options, area=AUTO), report)
@@ -81,25 +82,13 @@ def _anyhow(
 
 
 def _in_outlines(
-    source: Source,
-    frame: Frame,
-    options: Options,
-    report: Progress,
-    outlines: Sequence[Any],
-    far: int,
+    source: Source, frame: Frame, options: Options, report: Progress, outlines: Sequence[Any]
 ) -> Optional[Measurement]:
-    """Return the measurement in outlines, None without any and where one fails.
-
-    Parameters
-    ----------
-    far : points far from all others.
-    """
+    """Return the measurement in outlines, None without any and where one fails."""
     if not outlines:
         return None
     found = measure_areas(source, frame, options, report, outlines=outlines)
-    if not all(isinstance(one, AreaResult) for one in found.results):
-        return None
-    return replace(found, warnings=(*found.warnings, *far_away(far)))
+    return found if all(isinstance(one, AreaResult) for one in found.results) else None
 
 
 def _around(outlines: Sequence[Any]) -> str:

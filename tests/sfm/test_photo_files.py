@@ -49,6 +49,14 @@ def test_the_place_is_that_of_all_four_quarters(tmp_path, place):
     assert headed(photograph(tmp_path / "a.jpg", gps=place)).lonlat == pytest.approx(place)
 
 
+@pytest.mark.parametrize("suffix", [".jpg", ".tif"])
+@pytest.mark.parametrize("altitude", [312.25, 0.0, -2.5])
+def test_the_altitude_is_positive_upwards(tmp_path, suffix, altitude):
+    path = photograph(tmp_path / f"a{suffix}", gps=(11.586, 50.927, altitude))
+    assert headed(path).altitude == pytest.approx(altitude)
+    assert headed(photograph(tmp_path / f"b{suffix}", gps=(11.586, 50.927))).altitude is None
+
+
 @pytest.mark.parametrize("options", [{"progressive": True}, {"optimize": True}, {"quality": 100}])
 def test_every_kind_of_jpeg_tells_its_size(tmp_path, options):
     noise = np.random.default_rng(1).integers(0, 255, (90, 130, 3), dtype=np.uint8)

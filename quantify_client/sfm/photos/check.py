@@ -39,7 +39,8 @@ _MOST_LOOKED_AT = 20_000  # files in folders within a folder
 class Photo:
     """A photograph: its file, its size in bytes and pixels, and what its header says.
 
-    `camera` is make and model; `lonlat` where it was taken, degrees on WGS84, or None.
+    `camera` is make and model; `lonlat` where it was taken, degrees on WGS84, or None, and
+    `altitude`, metres, or None.
     """
 
     path: Path
@@ -49,6 +50,7 @@ class Photo:
     height: int
     camera: str
     lonlat: Optional[Tuple[float, float]]
+    altitude: Optional[float]
 
     @property
     def has_gps(self) -> bool:

@@ -13,6 +13,7 @@ import io
 import struct
 from contextlib import suppress
 from functools import partial
+from math import isfinite
 from pathlib import Path
 from typing import (
     BinaryIO,
@@ -39,8 +40,9 @@ _STRIPS = ((273, 279), (324, 325))  # where strips and tiles begin, and how long
 _SUB_IFDS = 330  # where a DNG has its full picture
 _PARTS = {tag for pair in _STRIPS for tag in pair} | {_SUB_IFDS}
 _WIDTH, _HEIGHT, _MAKE, _MODEL, _GPS = 256, 257, 271, 272, 0x8825
-_SOUTH, _LATITUDE, _WEST, _LONGITUDE = 1, 2, 3, 4
-_PLACE = (_SOUTH, _LATITUDE, _WEST, _LONGITUDE)
+_SOUTH, _LATITUDE, _WEST, _LONGITUDE, _BELOW, _HEIGHT_OF_GPS = 1, 2, 3, 4, 5, 6
+_PLACE = (_SOUTH, _LATITUDE, _WEST, _LONGITUDE, _BELOW, _HEIGHT_OF_GPS)
+_UNDER = (1, 3)  # below sea level, below the ellipsoid
 _UNKNOWN = "unknown camera"
 _MOST_IFDS = 64
 _MOST_PIECES = 1 << 16  # segments of a JPEG, chunks of a PNG
@@ -63,13 +65,14 @@ class Header(NamedTuple):
     """What a picture's header says: its size in pixels, make and model, and where it was taken.
 
     `lonlat` is in degrees, WGS84; None without both, and for the 0, 0 of a receiver without
-    satellites.
+    satellites. `altitude` is in metres, above what the camera takes for zero.
     """
 
     width: int
     height: int
     camera: str
     lonlat: Optional[Tuple[float, float]]
+    altitude: Optional[float] = None
 
 
 def kind_of(path: Path) -> Optional[str]:
@@ -124,12 +127,13 @@ def _described(file: BinaryIO, length: int, size: Optional[Tuple[int, int]]) -> 
         size = (_number(fields.get(_WIDTH)), _number(fields.get(_HEIGHT)))
         if 0 in size:
             raise ValueError("it tells no size")
-    place, lonlat = _number(fields.get(_GPS)), None
+    place, lonlat, altitude = _number(fields.get(_GPS)), None, None
     with suppress(ValueError, struct.error):
         if place:
-            lonlat = _lonlat(directories.fields(place, _PLACE)[0])
+            gps = directories.fields(place, _PLACE)[0]
+            lonlat, altitude = _lonlat(gps), _altitude(gps)
     words = [plain(str(fields[tag][0]).strip(), 40) for tag in (_MAKE, _MODEL) if fields.get(tag)]
-    return Header(*size, " ".join(words).strip() or _UNKNOWN, lonlat)
+    return Header(*size, " ".join(words).strip() or _UNKNOWN, lonlat, altitude)
 
 
 def _number(values: Optional[Sequence[Value]]) -> int:
@@ -143,6 +147,14 @@ def _lonlat(gps: Mapping[int, Sequence[Value]]) -> Optional[Tuple[float, float]]
         return None
     south, west = (str((gps.get(tag) or ("",))[0]).strip().upper() for tag in (_SOUTH, _WEST))
     return (-lon if west.startswith("W") else lon, -lat if south.startswith("S") else lat)
+
+
+def _altitude(gps: Mapping[int, Sequence[Value]]) -> Optional[float]:
+    """Return metres, positive upwards."""
+    values = [v for v in gps.get(_HEIGHT_OF_GPS, ()) if not isinstance(v, str) and isfinite(v)]
+    if len(values) != 1:
+        return None
+    return -float(values[0]) if _number(gps.get(_BELOW)) in _UNDER else float(values[0])
 
 
 def _degrees(values: Sequence[Value]) -> Optional[float]:

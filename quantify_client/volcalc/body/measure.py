@@ -22,6 +22,7 @@ from .floor import Standing, on_lowest_points, stand
 from .foot import SOUND, Foot, find_foot, wedge_std
 from .heap import HeapFoundError, around, heap_share
 from .occupancy import cover, occupancy_volume
+from .spacing import is_outlier
 from .voxels import Merged, Thinned
 from .warnings import body_warnings, why_open
 
@@ -153,9 +154,15 @@ def floor_and_heap(cloud: Thinned) -> Tuple[Optional[Floor], bool]:
 
 
 def heap_outlines(cloud: Thinned) -> Sequence[shapely.Polygon]:
-    """Return outlines around heaps that stand on even ground, in the cloud's x and y."""
+    """Return outlines around heaps that stand on even ground, in the cloud's x and y.
+
+    None where there are outliers: what is around heaps then is not only even ground.
+    """
     local = _LocalFrame.of(cloud, 1.0)
-    standing = stand(local.apply(cloud.points), cloud.counts, "auto")
+    points = local.apply(cloud.points)
+    if is_outlier(points).any():
+        return ()
+    standing = stand(points, cloud.counts, "auto")
     return () if heap_share(standing) is None else local.outlines(standing)
 
 

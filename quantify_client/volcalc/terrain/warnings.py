@@ -22,6 +22,8 @@ OUTLINE_ON_PILE = frozenset({"outline-on-pile", "outline-crosses-neighbour"})
 #: fill.
 _BASE_SHARE = 0.02
 
+#: Two surfaces over a smaller share of an area are told as 0.0 % of it, and change nothing.
+_SHOWN_SHARE = 0.0005
 
 #: The ground lies off a design as a whole where its median does by so many standard deviations of
 #: the heights themselves: nearly all of it is then on one side.
@@ -174,7 +176,7 @@ def _of_walls(share: float, height: float) -> Iterator[Notice]:
 def _of_layers(findings: Findings) -> Iterator[Notice]:
     """Yield that parts of the area have two surfaces, and which of them was measured."""
     found, layer = findings.layers, findings.layer
-    if found.share > 0:
+    if found.share >= _SHOWN_SHARE:
         measured = "their mean" if layer == "mean" else f"the {layer} one"
         # Who has chosen one needs no advice.
         advice = " (--layer lower or mean measures those)" if layer == DEFAULT_LAYER else ""
