@@ -83,20 +83,20 @@ def find_plane(
     """
     rng = np.random.default_rng(0)
     some = points[rng.choice(len(points), min(_SAMPLE, len(points)), replace=False)]
-    best, most = None, math.ceil(_LEAST * len(some))
-    for a, b, c in some[rng.integers(0, len(some), (_TRIALS, 3))]:
-        normal = np.cross(b - a, c - a)
-        length = float(np.linalg.norm(normal))
-        if length < 1e-9 * spacing**2:
-            continue
-        height = (some - a) @ (normal / length)
-        near = np.abs(height) < within * spacing
-        on = int(np.count_nonzero(near))
-        below, above = np.mean(height < -spacing), np.mean(height > spacing)
-        rise = math.copysign(normal[2] / length, normal[2] * (above - below))
-        if on > most and min(below, above) < _BELOW and rise >= math.cos(math.radians(steepest)):
-            best, most = near, on
-    return None if best is None else _refined(points, some[best], spacing, within)
+    a, b, c = some[rng.integers(0, len(some), (_TRIALS, 3))].transpose(1, 0, 2)
+    normals = np.cross(b - a, c - a)
+    length = np.linalg.norm(normals, axis=1)
+    told = length >= 1e-9 * spacing**2
+    normals = normals[told] / length[told, None]
+    height = some @ normals.T - np.einsum("ti,ti->t", a[told], normals)
+    near = np.abs(height) < within * spacing
+    below, above = np.mean(height < -spacing, axis=0), np.mean(height > spacing, axis=0)
+    rise = np.copysign(normals[:, 2], normals[:, 2] * (above - below))
+    supports = (np.minimum(below, above) < _BELOW) & (rise >= math.cos(math.radians(steepest)))
+    on = np.where(supports, near.sum(axis=0), 0)
+    if on.max(initial=0) <= math.ceil(_LEAST * len(some)):
+        return None
+    return _refined(points, some[near[:, int(np.argmax(on))]], spacing, within)
 
 
 def _refined(
