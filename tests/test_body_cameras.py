@@ -72,6 +72,7 @@ def test_text_shots_and_project_tell_the_same(
     assert listed.results[0].volume_m3 < 0.98 * without.results[0].volume_m3
 
 
+@pytest.mark.one_python
 def test_names_of_photographs_may_stand_before_their_places(
     cloud: Path, text: Measurement, tmp_path: Path
 ) -> None:

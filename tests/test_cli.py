@@ -47,6 +47,7 @@ def test_json_holds_the_volume_and_what_decides_it(site, document):
     assert told_of["input"][0]["size"] == (site / "pile.laz").stat().st_size
 
 
+@pytest.mark.one_python
 def test_slices_sum_to_net_whatever_their_number(site, document):
     where = ("volume", site / "pile.laz", "--area", site / "pile.geojson")
     nets = []
@@ -199,6 +200,7 @@ def test_source_unit_scales_a_cloud_that_does_not_say(unit, metres, site, docume
     assert ratio == pytest.approx(metres**3, rel=1e-9)
 
 
+@pytest.mark.one_python
 def test_terrain_in_feet_is_measured_in_metres(site, tmp_path, document):
     plain = np.loadtxt(site / "plain.csv", delimiter=",", skiprows=1)
     write_text(tmp_path / "feet.xyz", plain / 0.3048, " ")
@@ -250,6 +252,7 @@ def test_ept_is_read_where_the_area_is(site, tmp_path, document):
 # --- volume: areas
 
 
+@pytest.mark.one_python
 def test_names_are_unique_and_a_failure_leaves_the_others_complete(site, tmp_path, run, document):
     far = placed(circle(5, 5000, 5000))
     drawn = [PILE.area, PILE.area, far, PILE.area]
@@ -310,10 +313,10 @@ def test_the_paper_s_method(site, document):
     ("source", "options", "shape"),
     [
         ("plain.csv", [], "terrain"),  # a heap on ground that goes on around it
-        ("plain.csv", ["--shape", "object"], "object"),
+        pytest.param("plain.csv", ["--shape", "object"], "object", marks=pytest.mark.one_python),
         ("plain.csv", ["--base", "plane"], "terrain"),
         ("plain.csv", ["--area"], "terrain"),
-        ("plain.csv", ["--shape", "terrain"], "terrain"),
+        pytest.param("plain.csv", ["--shape", "terrain"], "terrain", marks=pytest.mark.one_python),
         ("pile.laz", [], "terrain"),
         ("pile.laz", ["--shape", "object"], "object"),
         ("pile.laz", ["--center-caps"], "object"),
@@ -330,7 +333,13 @@ def test_auto_shape_is_chosen_by_options_and_source(
     assert document("volume", site / source, *options)["shape"] == shape
 
 
-@pytest.mark.parametrize(("options", "shape"), [(["--shape", "object"], "object"), ([], "terrain")])
+@pytest.mark.parametrize(
+    ("options", "shape"),
+    [
+        pytest.param(["--shape", "object"], "object", marks=pytest.mark.one_python),
+        ([], "terrain"),
+    ],
+)
 def test_shape_that_was_chosen_is_said(options, shape, site, run):
     out = run("volume", site / "plain.csv", *options)[1]
     assert f"shape {shape}" in " ".join(out.split())

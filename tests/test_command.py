@@ -184,6 +184,7 @@ def test_out_holds_every_file_of_the_report(site, tmp_path, document):
     assert json.loads((tmp_path / "a/b/report.json").read_text()) == told
 
 
+@pytest.mark.one_python
 def test_earlier_results_stay_until_new_ones_are_complete(site, tmp_path, run, monkeypatch):
     out = tmp_path / "out"
     where = ("volume", site / "pile.laz", "--area", site / "pile.geojson")

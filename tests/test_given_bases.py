@@ -185,6 +185,7 @@ def test_a_unit_that_puts_a_design_elsewhere_is_not_believed(cloud, tmp_path):
     assert "base-unit-contradicted" in [notice.code for notice in found.warnings]
 
 
+@pytest.mark.one_python
 def test_without_areas_all_that_lies_over_the_design_is_measured(cloud, tmp_path):
     path = landxml(tmp_path / "roof.xml")
     result = the_only(quantify_client.measure(cloud, base=path))
@@ -193,6 +194,7 @@ def test_without_areas_all_that_lies_over_the_design_is_measured(cloud, tmp_path
     assert result.cut_m3 == pytest.approx(2 * 45.0 * 40.0, rel=3e-3)
 
 
+@pytest.mark.one_python
 def test_a_design_around_which_the_ground_lies_off_is_told(cloud, tmp_path):
     path = landxml(tmp_path / "low.xml", z=lambda x, y: ground(x, y) - 0.5)
     result = the_only(quantify_client.measure(cloud, area=areas(square(6.0)), base=path))
@@ -488,6 +490,7 @@ def test_floor_points_on_one_line_up_to_rounding_are_refused(pile, tmp_path):
         )
 
 
+@pytest.mark.one_python
 def test_elevations_off_the_ground_and_corners_without_are_told(pile):
     ring = square(12.0, ground)
     ring[2] = ring[2][:2]
@@ -536,7 +539,13 @@ def test_a_design_and_floor_points_exclude_each_other(cloud, tmp_path):
         quantify_client.measure(cloud, base="none.xml")
 
 
-@pytest.mark.parametrize("code", ["urn:ogc:def:crs:EPSG::32632", "EPSG:32632+5703", "32632"])
+@pytest.mark.parametrize(
+    "code",
+    [
+        "urn:ogc:def:crs:EPSG::32632",
+        *(pytest.param(c, marks=pytest.mark.one_python) for c in ("EPSG:32632+5703", "32632")),
+    ],
+)
 def test_codes_of_a_landxml_are_read_however_they_are_spelled(cloud, tmp_path, code):
     path = landxml(tmp_path / "roof.xml", epsg=code)
     found = quantify_client.measure(cloud, area=areas(square(10.0)), base=path)
@@ -550,6 +559,7 @@ def test_a_code_that_is_none_is_told_with_the_file(cloud, tmp_path):
         quantify_client.measure(cloud, area=areas(square(10.0)), base=path)
 
 
+@pytest.mark.one_python
 def test_feet_of_a_landxml_beside_a_crs_in_metres_are_its_coordinates(cloud, tmp_path):
     path = landxml(tmp_path / "feet.xml", unit="foot", factor=0.3048, epsg=32632)
     is_right(quantify_client.measure(cloud, area=areas(square(10.0)), base=path))

@@ -109,6 +109,7 @@ def test_elevations_in_the_clouds_frame_move_with_it(points, tmp_path):
     assert scaled.volume_m3 == pytest.approx(plain.volume_m3, rel=2e-3)
 
 
+@pytest.mark.one_python
 def test_surveyed_areas_stay_where_they_are(points, tmp_path):
     cloud = place(tmp_path, shrunk(points, 0.83))
     truth = sized.marks(PILE.height)
@@ -138,6 +139,7 @@ def test_the_scales_share_is_three_times_its_own(points, tmp_path):
     assert result.mass_std_t == pytest.approx(1.6 * cut)
 
 
+@pytest.mark.one_python
 def test_surveyed_areas_take_the_scales_share_by_derivative(tmp_path):
     """On a step a fixed area A holds V = A (m + s (z - m) - level), m being the control's middle.
 
@@ -348,7 +350,8 @@ def beach_truth():
     return measure(DEMO / "brighton_beach.laz", area=DEMO / "areas.geojson")
 
 
-@pytest.mark.parametrize("pivot", ["middle", pytest.param("corner", marks=pytest.mark.one_python)])
+@pytest.mark.one_python
+@pytest.mark.parametrize("pivot", ["middle", "corner"])
 def test_the_shrunk_beach_gives_its_volumes_back(beach_truth, tmp_path, pivot):
     las = laspy.read(DEMO / "brighton_beach.laz")
     whole = np.array(las.xyz)

@@ -125,6 +125,7 @@ def test_an_outline_is_known_no_better_when_it_is_measured_again(run, tmp_path):
         assert not [i for i in measure(cloud, area=areas)[0].budget if i.source == "outline"]
 
 
+@pytest.mark.one_python
 def test_a_car_on_a_pile_is_not_measured_with_it(tmp_path):
     """As a conveyor over it: the pile goes on under it, between its flanks."""
 
@@ -142,6 +143,7 @@ def test_a_car_on_a_pile_is_not_measured_with_it(tmp_path):
     assert "outline" in [item.source for item in pile.budget]
 
 
+@pytest.mark.one_python
 def test_a_cone_of_about_a_thousand_cells_is_right_to_a_thousandth(tmp_path):
     """So many are enough for a pile to be measured by what the pass of the whole cloud keeps."""
     form = cone(8.0, 4.0, 20.1, 19.7)
@@ -161,6 +163,7 @@ def test_a_small_pile_of_a_large_cloud_is_read_again_in_fine_cells(tmp_path, mon
     assert pile.volume_m3 == pytest.approx(small.volume, rel=0.02)
 
 
+@pytest.mark.one_python
 def test_cars_and_the_round_structure_of_brighton_beach_are_proposed():
     found = measure(DEMO / "brighton_beach.laz", area="auto")
     drawn = json.loads((DEMO / "areas.geojson").read_text())["features"]

@@ -108,6 +108,7 @@ def levelled(seed: int) -> Tuple[np.ndarray, ScaleFit]:
     return found.similarity.rotation @ truth.rotation, found
 
 
+@pytest.mark.one_python
 def test_rotation_is_recovered_to_within_its_std() -> None:
     """With elevations of four points; errors about the axes of the ground, in their std."""
     tilts, headings = [], []

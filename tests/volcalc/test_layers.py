@@ -63,7 +63,9 @@ def told(result):
 # --- volumes in closed form
 
 
-@pytest.mark.parametrize("share", [0.3, 0.5, 0.7])
+@pytest.mark.parametrize(
+    "share", [0.5, *(pytest.param(share, marks=pytest.mark.one_python) for share in (0.3, 0.7))]
+)
 def test_a_crown_over_the_whole_yard_has_the_volume_of_each_surface_and_of_their_mean(share):
     x, y = places()
     z = crowned(x, y, share, crown=lambda x, y: (np.abs(x) < 10) & (np.abs(y) < 10))
@@ -78,7 +80,7 @@ def test_a_crown_over_the_whole_yard_has_the_volume_of_each_surface_and_of_their
         assert notice.values["layer"] == layer
 
 
-@pytest.mark.parametrize("share", [0.3, 0.5])
+@pytest.mark.parametrize("share", [0.3, pytest.param(0.5, marks=pytest.mark.one_python)])
 @pytest.mark.parametrize("layer", ["upper", "lower"])
 def test_the_interval_holds_where_a_crown_ends_in_the_yard(layer, share):
     """A disc of 4 m radius 3 m above a tilted yard: pi r^2 3 above the ground, or nothing."""
@@ -104,6 +106,7 @@ def test_a_tree_beside_a_house_is_two_surfaces_and_the_house_is_one():
         assert result(x, y, z, layer).volume_m3 == pytest.approx(volume, abs=6)
 
 
+@pytest.mark.one_python
 def test_the_ground_around_is_the_lower_surface_whichever_is_measured():
     x, y = places()
     # A cone of 4 m radius and 2 m height in a ring of trees that begins beyond the outline.
@@ -115,6 +118,7 @@ def test_the_ground_around_is_the_lower_surface_whichever_is_measured():
         assert not told(found)
 
 
+@pytest.mark.one_python
 @settings(max_examples=8, deadline=None)
 @given(
     share=st.floats(0.05, 0.95),
@@ -169,7 +173,9 @@ ONE_SURFACE = {
 
 
 @pytest.mark.parametrize("name", ONE_SURFACE)
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(seed, marks=pytest.mark.one_python) for seed in (1, 2))]
+)
 def test_there_are_no_two_surfaces(name, seed):
     x, y = places(seed=seed)
     z = ONE_SURFACE[name](x, y) + np.random.default_rng(seed).normal(0, 0.02, len(x))
