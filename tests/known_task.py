@@ -47,7 +47,7 @@ def make_task(folder: Path) -> KnownTask:
     project = folder / "made"
     model = project / "odm_georeferencing" / "odm_georeferenced_model.laz"
     model.parent.mkdir(parents=True)
-    points = survey(TERRAIN.height, Errors(0.01, 0.0), 120_000)
+    points = survey(TERRAIN.height, Errors(0.01, 0.0), 40_000)
     write_las(model, delivered(points))
     (model.parent / "coords.txt").write_text("WGS84 UTM 17N\n437000 4572800\n")
     wkt = {"wkt": pyproj.CRS(UTM).to_wkt()}
