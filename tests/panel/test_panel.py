@@ -240,7 +240,7 @@ def test_an_area_beside_the_cloud_is_an_error_in_words(open_page, tasks, outline
 
 
 def test_a_killed_worker_is_said_to_be_lost(open_page, stand_in, tasks):
-    page = open_page().open(("Mine", tasks["Mine"])).open_panel()
+    page = open_page().open(("Long", tasks["Long".ljust(250, "g")])).open_panel()
     page.page.click(".vc-choice label:has-text('All')")
     page.page.click("text=Measure volume")
     page.page.wait_for_selector(".vc-progress .vc-number")
@@ -258,7 +258,7 @@ def test_a_killed_worker_is_said_to_be_lost(open_page, stand_in, tasks):
 
 
 def test_cancelling_returns_to_the_form(open_page, tasks):
-    page = open_page().open(("Mine", tasks["Mine"])).open_panel()
+    page = open_page().open(("Long", tasks["Long".ljust(250, "g")])).open_panel()
     page.page.click(".vc-choice label:has-text('All')")
     page.page.click("text=Measure volume")
     page.page.wait_for_selector(".vc-progress")

@@ -196,7 +196,7 @@ def working(host):
 
 
 def test_killed_worker_is_told_as_lost(host, working):
-    task = host.tasks["Mine"]
+    task = host.tasks["Long".ljust(250, "g")]
     job = running_job(host, task)
     host.owner.post("/test/worker/kill")
     path = host.jobs / job / "state.json"
@@ -211,7 +211,7 @@ def test_killed_worker_is_told_as_lost(host, working):
 
 
 def test_running_job_is_cancelled_and_its_worker_stopped(host, working):
-    task = host.tasks["Mine"]
+    task = host.tasks["Long".ljust(250, "g")]
     job = running_job(host, task)
     assert host.viewer.ask("DELETE", f"{API}/{task}/jobs/{job}").status == 404
     found = host.owner.ask("DELETE", f"{API}/{task}/jobs/{job}")
