@@ -173,9 +173,7 @@ ONE_SURFACE = {
 
 
 @pytest.mark.parametrize("name", ONE_SURFACE)
-@pytest.mark.parametrize(
-    "seed", [0, *(pytest.param(seed, marks=pytest.mark.one_python) for seed in (1, 2))]
-)
+@pytest.mark.parametrize("seed", range(3))
 def test_there_are_no_two_surfaces(name, seed):
     x, y = places(seed=seed)
     z = ONE_SURFACE[name](x, y) + np.random.default_rng(seed).normal(0, 0.02, len(x))
