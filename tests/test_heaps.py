@@ -117,7 +117,7 @@ def test_a_heap_of_too_few_points_for_its_own_outline_is_measured_in_one_around_
 
 def test_where_an_outline_cannot_be_measured_others_are(monkeypatch, tmp_path):
     beside_the_cloud = shapely.box(90.0, 90.0, 95.0, 95.0)
-    monkeypatch.setattr(measure, "around", lambda _: [beside_the_cloud])
+    monkeypatch.setattr(measure, "around", lambda *_, **__: [beside_the_cloud])
     path = write_ply(tmp_path / "heap.ply", heap(40_000, 20, 8, 4, 0.05) + OFFSET)
     found = quantify_client.measure(path, source_unit="m")
     (result,) = found.results
@@ -144,6 +144,18 @@ def test_each_of_two_heaps_on_even_ground_is_measured(shape, tmp_path):
         assert abs(result.volume_m3 - truth) < 2.6 * result.std_m3
         assert result.std_m3 < 0.02 * truth
     assert any("2 heaps" in warning for warning in found.warnings)
+
+
+def test_explicit_terrain_counts_a_pit_far_from_the_heap(tmp_path):
+    points, truths = two_heaps(20_000, 0.0)
+    away = np.hypot(points[:, 0] - 32.0, points[:, 1] - 10.0)
+    points[:, 2] -= 0.5 * np.maximum(0.0, 4.0 - away)
+    pit = math.pi * 4.0**2 * 2.0 / 3.0
+    path = write_ply(tmp_path / "heaps.ply", points + OFFSET)
+    found = quantify_client.measure(path, source_unit="m", shape="terrain")
+    (result,) = found.results
+    assert abs(result.volume_m3 - (sum(truths) - pit)) < 2.6 * result.std_m3
+    assert result.volume_m3 == pytest.approx(sum(truths) - pit, rel=0.01)
 
 
 def test_what_hangs_above_the_ground_is_no_heap():

@@ -54,11 +54,15 @@ class HeapFoundError(Exception):
         self.share, self.outlines = share, outlines
 
 
-def around(standing: Standing) -> Sequence[Any]:
+def around(standing: Standing, *, whole: bool = False) -> Sequence[Any]:
     """Return shapely Polygons around heaps, on ground clear of them, in the cloud's x and y.
 
     The largest is the first. None where the cloud ends nearer to one, where there are holes in the
     ground, something on it is no heap, or there are so many things that it is not even.
+
+    Parameters
+    ----------
+    whole : the outlines stand for the whole cloud, so that a hole counts wherever it is.
     """
     found, spacing = things(standing)
     if len(found) > _MOST_THINGS:
@@ -73,7 +77,7 @@ def around(standing: Standing) -> Sequence[Any]:
     if not shapely.covers(shapely.convex_hull(shapely.multipoints(ground)), outline):
         return ()
     low = standing.ground[:, 2] < -_DEEP * standing.sure
-    holes = np.count_nonzero(shapely.contains(outline, ground[low]))
+    holes = np.count_nonzero(low if whole else shapely.contains(outline, ground[low]))
     parts = sorted(shapely.get_parts(outline), key=lambda part: -part.area)
     if holes > _NOISE * len(standing.points) or not _are_heaps(standing, parts, spacing):
         return ()

@@ -154,16 +154,16 @@ def floor_and_heap(cloud: Thinned) -> Tuple[Optional[Floor], bool]:
 
 
 def heap_outlines(cloud: Thinned) -> Sequence[shapely.Polygon]:
-    """Return outlines around heaps that stand on even ground, in the cloud's x and y.
+    """Return outlines around heaps that are all of a cloud but even ground, in its x and y.
 
-    None where there are outliers: what is around heaps then is not only even ground.
+    None where there are outliers, or holes in the ground anywhere.
     """
     local = _LocalFrame.of(cloud, 1.0)
     points = local.apply(cloud.points)
     if is_outlier(points).any():
         return ()
     standing = stand(points, cloud.counts, "auto")
-    return () if heap_share(standing) is None else local.outlines(standing)
+    return () if heap_share(standing) is None else local.outlines(standing, whole=True)
 
 
 @dataclass(frozen=True)
@@ -181,11 +181,11 @@ class _LocalFrame:
         """(N, 3) points of the measuring frame in this one."""
         return (points - self.origin) / self.scale
 
-    def outlines(self, standing: Standing) -> Sequence[shapely.Polygon]:
-        """Return the outlines around heaps, if any, in the measuring frame."""
+    def outlines(self, standing: Standing, *, whole: bool = False) -> Sequence[shapely.Polygon]:
+        """Return the outlines around heaps, if any, in the measuring frame (see `around`)."""
         return [
             shapely.transform(found, lambda xy: xy * self.scale[:2] + self.origin[:2])
-            for found in around(standing)
+            for found in around(standing, whole=whole)
         ]
 
     def in_frame(self, floor: Optional[Floor]) -> Optional[Floor]:
