@@ -141,6 +141,9 @@ def test_the_gps_of_photographs_tells_where_they_were_taken(tmp_path: Path) -> N
     near = taken_at(MIDDLE + 4.0 * (RING - MIDDLE), tmp_path / "near")
     with pytest.raises(QuantifyError, match="known to some metres; expected 30 m and more"):
         measure(small, shape="object", crs="EPSG:32632", cameras=near)
+    sunk = taken_at(ring - [0.0, 0.0, 200.0], tmp_path / "sunk")
+    with pytest.raises(QuantifyError, match="below the cloud"):
+        measure(large, shape="object", crs="EPSG:32632", cameras=sunk)
     with pytest.raises(QuantifyError, match="no photograph in it says where it was taken"):
         measure(large, source_unit="m", cameras=tmp_path)
 

@@ -158,6 +158,29 @@ def test_explicit_terrain_counts_a_pit_far_from_the_heap(tmp_path):
     assert result.volume_m3 == pytest.approx(sum(truths) - pit, rel=0.01)
 
 
+@pytest.mark.parametrize(
+    ("form", "noise"),
+    [
+        (lambda x, y: 2.0 * np.exp(-(x**2 + y**2) / 18.0), 0.01),  # its foot tapers off
+        # A cone, and a mound that is lower than twice what the ground's noise reaches.
+        (
+            lambda x, y: np.maximum(
+                np.maximum(0.0, 2.0 - 0.5 * np.hypot(x + 6.0, y)),
+                np.maximum(0.0, 0.2 - 0.04 * np.hypot(x - 5.0, y)),
+            ),
+            0.04,
+        ),
+    ],
+)
+def test_ground_that_is_not_even_is_measured_whole(form, noise):
+    rng = np.random.default_rng(2)
+    x, y = rng.uniform(-12.0, 12.0, (2, 16_000))
+    points = np.column_stack([x, y, form(x, y) + rng.normal(0.0, noise, len(x))])
+    standing = stand(points, np.ones(len(points), dtype=np.int64), "auto")
+    assert around(standing) != ()
+    assert around(standing, whole=True) == ()
+
+
 def test_what_hangs_above_the_ground_is_no_heap():
     """The crown of a tree beside a heap, of which only the top is in the cloud."""
     points, _ = two_heaps(20_000, 0.03)

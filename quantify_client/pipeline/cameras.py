@@ -94,7 +94,7 @@ def _of_folder(folder: Path, frame: Frame) -> FloatArray:
             f"{folder}: no photograph in it says where it was taken (GPS with an altitude); "
             f"expected {_EXPECTED}"
         )
-    return _from_crs(np.array(found), _WGS84, frame, folder)
+    return _from_crs(np.unique(np.array(found), axis=0), _WGS84, frame, folder)
 
 
 def _of_photographs(path: Path, frame: Frame) -> Optional[FloatArray]:
@@ -159,7 +159,7 @@ def _require_near(
 ) -> None:
     """Refuse cameras that cannot have taken this cloud: other coordinates, or another cloud.
 
-    And those nearer to it than GPS can tell.
+    And, by GPS, those nearer to it than that can tell, or below it.
     """
     if source.cloud.info.bounds is None:
         return
@@ -172,6 +172,13 @@ def _require_near(
             f"{name}: its cameras are around x {away[0]:.2f}, y {away[1]:.2f} m, far from the "
             f"cloud (x {low[0]:.2f} to {high[0]:.2f}, y {low[1]:.2f} to {high[1]:.2f} m); give "
             "positions in the cloud's own coordinates"
+        )
+    highest = float(cameras[:, 2].max())
+    if by_gps and highest < box.min_z:
+        raise InputError(
+            f"{name}: its photographs were taken at up to {highest:.0f} m (GPS), below "
+            f"the cloud ({box.min_z:.0f} to {box.max_z:.0f} m); give the positions that the "
+            "reconstruction found (odm_report/shots.geojson), in the cloud's own heights"
         )
     middle = [0.5 * (box.min_x + box.max_x), 0.5 * (box.min_y + box.max_y), box.max_z]
     distance = float(np.median(np.linalg.norm(cameras - middle, axis=1)))

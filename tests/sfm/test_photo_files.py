@@ -57,6 +57,11 @@ def test_the_altitude_is_positive_upwards(tmp_path, suffix, altitude):
     assert headed(photograph(tmp_path / f"b{suffix}", gps=(11.586, 50.927))).altitude is None
 
 
+@pytest.mark.parametrize("place", [(9.0, 95.0), (300.0, 48.0)])
+def test_a_place_that_is_on_no_globe_is_none(tmp_path, place):
+    assert headed(photograph(tmp_path / "a.jpg", gps=place)).lonlat is None
+
+
 @pytest.mark.parametrize("options", [{"progressive": True}, {"optimize": True}, {"quality": 100}])
 def test_every_kind_of_jpeg_tells_its_size(tmp_path, options):
     noise = np.random.default_rng(1).integers(0, 255, (90, 130, 3), dtype=np.uint8)

@@ -143,7 +143,7 @@ def _number(values: Optional[Sequence[Value]]) -> int:
 def _lonlat(gps: Mapping[int, Sequence[Value]]) -> Optional[Tuple[float, float]]:
     """Return longitude and latitude in degrees, east and north positive."""
     lat, lon = (_degrees(gps.get(tag, ())) for tag in (_LATITUDE, _LONGITUDE))
-    if lat is None or lon is None or not (lat or lon):
+    if lat is None or lon is None or not (lat or lon) or lat > 90.0 or lon > 180.0:
         return None
     south, west = (str((gps.get(tag) or ("",))[0]).strip().upper() for tag in (_SOUTH, _WEST))
     return (-lon if west.startswith("W") else lon, -lat if south.startswith("S") else lat)
@@ -213,7 +213,7 @@ def _png_parts(file: BinaryIO) -> Tuple[Optional[Tuple[int, int]], Optional[byte
         if head[4:] == b"IHDR":
             size = struct.unpack(">II", file.read(8))
         elif head[4:] == b"eXIf":
-            return size, file.read(length)
+            return size, file.read(min(length, _BLOCK))
         place += 12 + length
     return size, None
 

@@ -32,6 +32,12 @@ _STEEP = math.radians(60.0)
 _DEEP = 1.5
 _NOISE = 0.001
 
+#: Blocks along the longer side of the ground, and how many standard errors the mean of one is off
+#: by chance: one cloud in some hundreds has such a block.
+_BLOCKS = 16
+_CHANCE = 4.5
+_ROUNDED = 1e-4
+
 #: Ground with more things on it is uneven (chosen).
 _MOST_THINGS = 20
 
@@ -62,7 +68,8 @@ def around(standing: Standing, *, whole: bool = False) -> Sequence[Any]:
 
     Parameters
     ----------
-    whole : the outlines stand for the whole cloud, so that a hole counts wherever it is.
+    whole : the outlines stand for the whole cloud: none, either, where the ground beside them is
+        higher or lower than its plane anywhere, beyond chance.
     """
     found, spacing = things(standing)
     if len(found) > _MOST_THINGS:
@@ -77,11 +84,25 @@ def around(standing: Standing, *, whole: bool = False) -> Sequence[Any]:
     if not shapely.covers(shapely.convex_hull(shapely.multipoints(ground)), outline):
         return ()
     low = standing.ground[:, 2] < -_DEEP * standing.sure
-    holes = np.count_nonzero(low if whole else shapely.contains(outline, ground[low]))
+    holes = np.count_nonzero(shapely.contains(outline, ground[low]))
+    if whole and not _is_even(standing.ground[~shapely.contains(outline, ground)], spacing):
+        return ()
     parts = sorted(shapely.get_parts(outline), key=lambda part: -part.area)
     if holes > _NOISE * len(standing.points) or not _are_heaps(standing, parts, spacing):
         return ()
     return parts
+
+
+def _is_even(ground: FloatArray, spacing: float) -> bool:
+    """Whether no block of ground (N, 3) lies off its plane by more than chance makes of noise.
+
+    Feet that taper off, low mounds and pits have a volume that no point shows by itself.
+    """
+    low, high = ground[:, :2].min(axis=0), ground[:, :2].max(axis=0)
+    block = columns(ground, float(np.max(high - low)) / _BLOCKS)
+    noise = max(float(ground[:, 2].std()), _ROUNDED * spacing)
+    off = np.bincount(block, ground[:, 2]) / np.sqrt(np.maximum(np.bincount(block), 1))
+    return bool(np.abs(off).max() < _CHANCE * noise)
 
 
 def _are_heaps(standing: Standing, parts: Sequence[Any], spacing: float) -> bool:

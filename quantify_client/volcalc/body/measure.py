@@ -156,7 +156,7 @@ def floor_and_heap(cloud: Thinned) -> Tuple[Optional[Floor], bool]:
 def heap_outlines(cloud: Thinned) -> Sequence[shapely.Polygon]:
     """Return outlines around heaps that are all of a cloud but even ground, in its x and y.
 
-    None where there are outliers, or holes in the ground anywhere.
+    None where there are outliers, or where that ground is not even.
     """
     local = _LocalFrame.of(cloud, 1.0)
     points = local.apply(cloud.points)
