@@ -42,8 +42,7 @@ def measure_terrain(
                 "heap-outlined",
                 f"{_what(outlines)} {stand} alone on even ground: measured in "
                 f"{_around(outlines)}, and not the whole cloud, whose volume is the same and less "
-                "well known; draw an area (--area) to "
-                "measure another",
+                "well known; draw an area (--area) to measure another",
                 outlines=len(outlines),
             )
             return replace(found, warnings=(*found.warnings, told))

@@ -22,8 +22,11 @@ __all__ = ["Agreement", "one_is_enough"]
 _LEAST = 2
 _SLANT = 20.0
 
-#: Ways a surface may face: evenly spread over half a sphere (Fibonacci lattice).
-_WAYS = 64
+#: Ways a surface may face: (64, 3) unit vectors, even over half a sphere (Fibonacci lattice).
+_UP = (np.arange(64) + 0.5) / 64
+_AROUND = np.arange(64) * np.pi * (3.0 - np.sqrt(5.0))
+_FLAT = np.sqrt(1.0 - _UP**2)
+_WAYS = np.column_stack([_FLAT * np.cos(_AROUND), _FLAT * np.sin(_AROUND), _UP])
 
 #: One camera is enough where one alone sees so many of the points, and so many times as many as two
 #: do (measured: method.md).
@@ -48,21 +51,14 @@ class Agreement:
 
     def __init__(self, points: FloatArray) -> None:
         self.points = points
-        self.shown = np.zeros((len(points), _WAYS), dtype=np.int16)
+        self.shown = np.zeros((len(points), len(_WAYS)), dtype=np.int16)
 
     def add(self, place: FloatArray, which: npt.NDArray[np.bool_]) -> None:
         """Count a camera that sees through some (N,) of the points."""
         sight = place - self.points[which]
         sight /= np.linalg.norm(sight, axis=1, keepdims=True)
-        self.shown[which] += np.abs(sight @ _ways().T) > np.sin(np.radians(_SLANT))
+        self.shown[which] += np.abs(sight @ _WAYS.T) > np.sin(np.radians(_SLANT))
 
     def empty(self) -> npt.NDArray[np.bool_]:
         """(N,) True where enough cameras would have shown a surface, whichever way it faced."""
         return np.asarray(self.shown.min(axis=1) >= _LEAST)
-
-
-def _ways() -> FloatArray:
-    number = np.arange(_WAYS) + 0.5
-    up, around = number / _WAYS, number * np.pi * (3.0 - np.sqrt(5.0))
-    flat = np.sqrt(1.0 - up**2)
-    return np.column_stack([flat * np.cos(around), flat * np.sin(around), up])
