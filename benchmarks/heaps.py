@@ -3,9 +3,11 @@
 Cones, caps of balls, truncated cones, all also oblong, windrows and two cones that overlap, with
 flanks of 8 to 38 degrees and floors that are 1.5 to 3 times as wide and slope by up to 10 degrees;
 5,000 to 100,000 points at random or on shaken grids, a third of them clean, the others with noise
-of up to 1 % of the height. No constant was chosen on seeds from 50000 on.
+of up to 1 % of the height. No constant was chosen on seeds from 50000 on. With --smooth: heaps that
+taper off into the floor, a normal curve, a cosine, or a cone with a foot that fades.
 
     python benchmarks/heaps.py [--heaps 40] [--first-seed 50000] [--terrain] [--most-points 100000]
+                               [--smooth]
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ import math
 import sys
 import tempfile
 from pathlib import Path
-from typing import List
+from typing import List, Sequence
 
 import numpy as np
 
@@ -24,15 +26,17 @@ from quantify_client.errors import QuantifyError
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from clouds import write_ply
-from mounds import KINDS, random_heap, sampled
+from mounds import KINDS, SMOOTH, random_heap, sampled
 
 FIRST_SEED = 50_000
 
 
-def line_of(seed: int, most: int, shapes: List[str], folder: Path) -> List[float]:
+def line_of(
+    seed: int, kinds: Sequence[str], most: int, shapes: List[str], folder: Path
+) -> List[float]:
     """Measure one heap, print it, and return errors in percent and standardized by shape."""
     rng = np.random.default_rng(seed)
-    heap = random_heap(rng, KINDS[seed % len(KINDS)])
+    heap = random_heap(rng, kinds[seed % len(kinds)])
     points, noise = sampled(heap, rng, most)
     path = write_ply(folder / "heap.ply", points)
     told = f"{seed} {heap.kind:10s} {len(points):7,} height / width {heap.top / heap.half / 2:.3f}"
@@ -65,11 +69,13 @@ def main() -> None:
     parser.add_argument(
         "--terrain", action="store_true", help="measure as terrain (--shape auto), too"
     )
+    parser.add_argument("--smooth", action="store_true", help="heaps that taper off")
     given = parser.parse_args()
+    kinds = SMOOTH if given.smooth else KINDS
     shapes = ["object", "auto"] if given.terrain else ["object"]
     with tempfile.TemporaryDirectory() as folder:
         seeds = range(given.first_seed, given.first_seed + given.heaps)
-        rows = [line_of(seed, given.most_points, shapes, Path(folder)) for seed in seeds]
+        rows = [line_of(seed, kinds, given.most_points, shapes, Path(folder)) for seed in seeds]
     for number, shape in enumerate(shapes):
         percent, z, std = np.array(rows)[:, 3 * number : 3 * number + 3].T
         kept = np.isfinite(z)

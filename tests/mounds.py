@@ -10,6 +10,8 @@ import numpy as np
 
 OFFSET = np.array([576_700.0, 5_188_140.0, 160.0])
 KINDS = ("cone", "cap", "truncated", "windrow", "pair")
+SMOOTH = ("bell", "wave", "skirt")
+"""They taper off into the floor: a normal curve, a cosine, a cone with a foot that fades."""
 
 
 @dataclass(frozen=True)
@@ -18,7 +20,7 @@ class Heap:
 
     Attributes
     ----------
-    kind : one of `KINDS`.
+    kind : one of `KINDS` or `SMOOTH`.
     heights : from (N,) x and y to heights, metres.
     volume : m3.
     half : half the side of a square about the origin that it fits in, metres.
@@ -62,6 +64,8 @@ def random_heap(rng: np.random.Generator, kind: str) -> Heap:
             a,
             high,
         )
+    if kind in SMOOTH:
+        return smooth(kind, a, b, top)
     if kind == "windrow":
         reach, long = a * rng.uniform(0.2, 0.5), 0.0
         long, high = a - reach, top * reach / b
@@ -83,6 +87,34 @@ def random_heap(rng: np.random.Generator, kind: str) -> Heap:
     step = a / 500.0
     x, y = np.meshgrid(*[np.arange(-a, a, step) + 0.5 * step] * 2)
     return Heap(kind, pair, float(pair(x, y).sum()) * step**2, a, slope * max(left, right))
+
+
+def smooth(kind: str, a: float, b: float, top: float) -> Heap:
+    """Return a heap whose profile goes on for ever, or nearly: less than 0.01 % is beyond `half`.
+
+    Volumes are 2 pi times the integral of r h(r), times b / a.
+    """
+    width = {"bell": a / 4.5, "wave": a, "skirt": a / 6.0}[kind]
+
+    def profile(r: np.ndarray) -> np.ndarray:
+        if kind == "bell":
+            return np.exp(-0.5 * r**2)
+        if kind == "wave":
+            return np.where(r < 1.0, 0.5 + 0.5 * np.cos(math.pi * r), 0.0)
+        return np.where(r < 1.0, 1.0 - 0.85 * r, 0.15 * np.exp(-2.0 * (r - 1.0)))
+
+    integral = {
+        "bell": 1.0,
+        "wave": 0.25 - 1.0 / math.pi**2,
+        "skirt": 0.5 - 0.85 / 3.0 + 0.15 * (0.5 + 0.25),
+    }[kind]
+    return Heap(
+        kind,
+        lambda x, y: top * profile(ring(x, y * a / b) / width),
+        2.0 * math.pi * integral * width**2 * b / a * top,
+        a,
+        top,
+    )
 
 
 def ring(x: np.ndarray, y: np.ndarray) -> np.ndarray:

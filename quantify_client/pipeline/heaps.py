@@ -58,7 +58,7 @@ def measure_heap(
     told = Notice(
         "taken-for-terrain",
         f"{heap.share:.0%} of what stands on the ground is seen from above, and the ground goes on "
-        f"around it: {_what(heap.outlines)}, measured as terrain in {where}; --shape object "
+        f"around it: {_what(heap.outlines or ())}, measured as terrain in {where}; --shape object "
         "measures it as a body",
         share=heap.share,
     )
@@ -69,10 +69,14 @@ def _anyhow(
     source: Source, frame: Frame, options: Options, report: Progress, heap: HeapFoundError
 ) -> Tuple[Measurement, str]:
     """Return a heap's measurement, and where it was measured, in words."""
-    found = _in_outlines(source, frame, options, report, heap.outlines)
+    outlines = heap.outlines or ()
+    found = _in_outlines(source, frame, options, report, outlines)
     if found is not None:
         found = replace(found, warnings=(*found.warnings, *far_away(heap.far)))
-        return found, f"{_around(heap.outlines)}, on clear ground"
+        return found, f"{_around(outlines)}, on level ground"
+    if heap.outlines is None:
+        where = "all of the cloud, as nowhere around it the ground is level"
+        return measure_areas(source, frame, options, report), where
     try:
         found = measure_areas(source, frame, replace(options, area=AUTO), report)
         return found, "the outline that was found (--area auto)"

@@ -32,6 +32,7 @@ from scipy.spatial import Delaunay, cKDTree
 from ...types import FloatArray, IntArray
 from .enclose import Enclosed
 from .floor import Standing
+from .level_ground import level_from, sector_of
 from .plane import columns
 from .sections import BodySurface
 from .spaces import OPEN
@@ -52,8 +53,7 @@ _ELSEWHERE = 0.005
 #: A thing rises to more than this many times what noise of the ground does.
 _RISES = 2.0
 
-#: Sectors of the ground around, and how many of them must hold a few points for a plane.
-_SECTORS = 8
+#: How many sectors of the ground around must hold a few points for a plane.
 _FEWEST_SECTORS = 5
 _FEWEST = 5
 
@@ -105,11 +105,14 @@ def above_ground(standing: Standing) -> Optional[AboveGround]:
     area = _areas(points, triangles)
     away = cKDTree(points[of_heap, :2]).query(points[:, :2])[0]
     covered = float(area[of_heap[triangles].all(axis=1)].sum())
-    beside = away > clear_from(standing.sure, covered, standing.points[:, 2].max(), spacing)
+    away -= clear_from(standing.sure, covered, standing.points[:, 2].max(), spacing)
+    middle = standing.points[:, :2].mean(axis=0)
+    level, _ = level_from(points[away > 0.0], away[away > 0.0], middle, spacing)
+    beside = away > level
     inside = ~beside[triangles].all(axis=1)
     thirds = np.repeat(area[inside] / 3.0, 3)
     weight = np.bincount(triangles[inside].ravel(), thirds, len(points)).astype(np.float64)
-    ground = _ground(points, counts, beside, weight, standing.points[:, :2].mean(axis=0))
+    ground = _ground(points, counts, beside, weight, middle)
     if ground is None:
         return None
     height, base_std = ground
@@ -200,8 +203,8 @@ def _ground(
     unit = float(np.hypot(x, y).max())
     x, y = x / unit, y / unit
     terms = np.column_stack([np.ones(len(points)), x, y, x * x, x * y, y * y])
-    sector = np.floor((np.arctan2(y, x) / (2.0 * math.pi) + 0.5) * _SECTORS).astype(np.int64)
-    held = np.bincount(sector[beside], minlength=_SECTORS)[:_SECTORS]
+    sector = sector_of(points[:, :2], middle)
+    held = np.bincount(sector[beside])
     full = np.flatnonzero(held >= _FEWEST).tolist()
     if len(full) < _FEWEST_SECTORS:
         return None

@@ -11,6 +11,7 @@ import shapely
 from ...types import FloatArray, IntArray
 from .above_ground import clear_from, things
 from .floor import Standing
+from .level_ground import is_even, level_from
 from .plane import columns
 from .spacing import spacings
 
@@ -32,12 +33,6 @@ _STEEP = math.radians(60.0)
 _DEEP = 1.5
 _NOISE = 0.001
 
-#: Blocks along the longer side of the ground, and how many standard errors the mean of one is off
-#: by chance: one cloud in some hundreds has such a block.
-_BLOCKS = 16
-_CHANCE = 4.5
-_ROUNDED = 1e-4
-
 #: Ground with more things on it is uneven (chosen).
 _MOST_THINGS = 20
 
@@ -48,23 +43,25 @@ class HeapFoundError(Exception):
     Attributes
     ----------
     share : of it that is seen from above.
-    outlines : shapely Polygons on even ground around it, and around others there are, metres in the
-        measuring frame; none where the ground is not like that.
+    outlines : shapely Polygons on level ground around it, and around others there are, metres in
+        the measuring frame; none where the ground is not like that, None where it may be the
+        heap's up to where the cloud ends.
     far : points of the cloud far from all others, which were left out.
     """
 
     far = 0
 
-    def __init__(self, share: float, outlines: Sequence[Any]) -> None:
+    def __init__(self, share: float, outlines: Optional[Sequence[Any]]) -> None:
         super().__init__(share)
         self.share, self.outlines = share, outlines
 
 
-def around(standing: Standing, *, whole: bool = False) -> Sequence[Any]:
-    """Return shapely Polygons around heaps, on ground clear of them, in the cloud's x and y.
+def around(standing: Standing, *, whole: bool = False) -> Optional[Sequence[Any]]:
+    """Return shapely Polygons around heaps, on level ground clear of them, in the cloud's x and y.
 
-    The largest is the first. None where the cloud ends nearer to one, where there are holes in the
-    ground, something on it is no heap, or there are so many things that it is not even.
+    The largest is the first. None where the ground is level nowhere around them, so that it may be
+    theirs up to where the cloud ends. No outlines where there are holes in the ground, something on
+    it is no heap, or there are so many things that it is not even.
 
     Parameters
     ----------
@@ -79,30 +76,29 @@ def around(standing: Standing, *, whole: bool = False) -> Sequence[Any]:
         hull = shapely.convex_hull(shapely.multipoints(standing.as_found(points)[:, :2]))
         height = float(points[:, 2].max())
         outlines.append(hull.buffer(clear_from(standing.sure, hull.area, height, spacing)))
-    outline = shapely.union_all(outlines)
     ground = shapely.points(standing.as_found(standing.ground)[:, :2])
-    if not shapely.covers(shapely.convex_hull(shapely.multipoints(ground)), outline):
+    cloud, outline = shapely.convex_hull(shapely.multipoints(ground)), shapely.union_all(outlines)
+    if not shapely.covers(cloud, outline):
         return ()
+    away = shapely.distance(ground, outline)
+    wider, level = level_from(
+        standing.ground[away > 0.0],
+        away[away > 0.0],
+        standing.points[:, :2].mean(axis=0),
+        spacing,
+        most=shapely.distance(outline, cloud.boundary),
+    )
+    if not level:
+        return None
+    outline = outline.buffer(wider)
     low = standing.ground[:, 2] < -_DEEP * standing.sure
     holes = np.count_nonzero(shapely.contains(outline, ground[low]))
-    if whole and not _is_even(standing.ground[~shapely.contains(outline, ground)], spacing):
+    if whole and not is_even(standing.ground[~shapely.contains(outline, ground)], spacing):
         return ()
     parts = sorted(shapely.get_parts(outline), key=lambda part: -part.area)
     if holes > _NOISE * len(standing.points) or not _are_heaps(standing, parts, spacing):
         return ()
     return parts
-
-
-def _is_even(ground: FloatArray, spacing: float) -> bool:
-    """Whether no block of ground (N, 3) lies off its plane by more than chance makes of noise.
-
-    Feet that taper off, low mounds and pits have a volume that no point shows by itself.
-    """
-    low, high = ground[:, :2].min(axis=0), ground[:, :2].max(axis=0)
-    block = columns(ground, float(np.max(high - low)) / _BLOCKS)
-    noise = max(float(ground[:, 2].std()), _ROUNDED * spacing)
-    off = np.bincount(block, ground[:, 2]) / np.sqrt(np.maximum(np.bincount(block), 1))
-    return bool(np.abs(off).max() < _CHANCE * noise)
 
 
 def _are_heaps(standing: Standing, parts: Sequence[Any], spacing: float) -> bool:

@@ -163,7 +163,7 @@ def heap_outlines(cloud: Thinned) -> Sequence[shapely.Polygon]:
     if is_outlier(points).any():
         return ()
     standing = stand(points, cloud.counts, "auto")
-    return () if heap_share(standing) is None else local.outlines(standing, whole=True)
+    return () if heap_share(standing) is None else local.outlines(standing, whole=True) or ()
 
 
 @dataclass(frozen=True)
@@ -181,11 +181,14 @@ class _LocalFrame:
         """(N, 3) points of the measuring frame in this one."""
         return (points - self.origin) / self.scale
 
-    def outlines(self, standing: Standing, *, whole: bool = False) -> Sequence[shapely.Polygon]:
+    def outlines(
+        self, standing: Standing, *, whole: bool = False
+    ) -> Optional[Sequence[shapely.Polygon]]:
         """Return the outlines around heaps, if any, in the measuring frame (see `around`)."""
-        return [
-            shapely.transform(found, lambda xy: xy * self.scale[:2] + self.origin[:2])
-            for found in around(standing, whole=whole)
+        found = around(standing, whole=whole)
+        return found and [
+            shapely.transform(one, lambda xy: xy * self.scale[:2] + self.origin[:2])
+            for one in found
         ]
 
     def in_frame(self, floor: Optional[Floor]) -> Optional[Floor]:

@@ -1,0 +1,74 @@
+"""How far around what stands on it ground is level."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from quantify_client.volcalc.body.level_ground import is_even, level_from
+
+MIDDLE = np.array([576_700.0, 5_188_140.0])
+
+
+def ground(noise: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Points on a slope around a disc of 1 m, and how far they are from it."""
+    rng = np.random.default_rng(seed)
+    xy = rng.uniform(-10.0, 10.0, (20_000, 2))
+    away = np.hypot(*xy.T) - 1.0
+    xy, away = xy[away > 0.0], away[away > 0.0]
+    height = 160.0 + 0.05 * xy[:, 0] + rng.normal(0.0, noise, len(xy))
+    return np.column_stack([xy + MIDDLE, height]), away
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+def test_a_slope_is_level_from_where_it_begins(noise: float) -> None:
+    found = [level_from(*ground(noise, seed), MIDDLE, 0.1) for seed in range(8)]
+    assert all(level for _, level in found)
+    assert np.mean([away for away, _ in found]) < 0.7  # some rings are off by chance
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_skirt_is_not_level_though_noise_hides_each_point_of_it(sign: float) -> None:
+    """A hundredth of a metre high in noise of twice that, up to three metres away."""
+    points, away = ground(0.02)
+    points[:, 2] += sign * 0.01 * (away < 3.0)
+    begins, level = level_from(points, away, MIDDLE, 0.1)
+    assert level
+    assert 2.8 < begins < 4.0
+    # Not looked for farther than that.
+    begins, level = level_from(points, away, MIDDLE, 0.1, most=2.0)
+    assert not level
+    assert begins <= 2.0
+
+
+def test_what_tapers_off_up_to_the_edge_is_level_nowhere() -> None:
+    points, away = ground(0.001)
+    points[:, 2] += np.exp(-away / 3.0)
+    begins, level = level_from(points, away, MIDDLE, 0.1)
+    assert not level
+    assert begins > 5.0  # where the ground is best
+
+
+def test_ground_that_is_as_uneven_elsewhere_is_level() -> None:
+    """Rings would be off the plane by many standard errors of their points."""
+    points, away = ground(0.002)
+    points[:, 2] += 0.02 * np.cos(points[:, 0] / 1.5) * np.cos(points[:, 1] / 1.5)
+    begins, level = level_from(points, away, MIDDLE, 0.1)
+    assert level
+    assert begins < 1.0
+
+
+def test_too_little_ground_tells_nothing() -> None:
+    points, away = ground(0.01)
+    few = np.arange(len(points)) < 20
+    begins, level = level_from(points[few], away[few], MIDDLE, 0.1)
+    assert begins == 0.0
+    assert not level
+    assert level_from(np.empty((0, 3)), np.empty(0), MIDDLE, 0.1) == (0.0, False)
+
+
+def test_ground_is_even_on_any_plane_but_not_with_a_low_mound() -> None:
+    points, _ = ground(0.02)
+    assert is_even(points, 0.1)
+    points[:, 2] += 0.02 * (np.hypot(*(points[:, :2] - MIDDLE - 5.0).T) < 1.0)
+    assert not is_even(points, 0.1)
