@@ -12,7 +12,7 @@ import quantify_client
 from quantify_client.volcalc.body import measure
 from quantify_client.volcalc.body.floor import stand
 from quantify_client.volcalc.body.foot import Foot
-from quantify_client.volcalc.body.heap import around, seen_from_above
+from quantify_client.volcalc.body.heap import Heaps, around, seen_from_above
 
 from clouds import write_ply  # isort: skip
 from mounds import KINDS, OFFSET, random_heap, sampled  # isort: skip
@@ -95,7 +95,7 @@ def test_no_outline_around_a_heap_leaves_even_ground_of_the_cloud(low, pit, tmp_
     if pit:
         z -= np.maximum(0.0, 1.0 - np.hypot(x - 5.6, y) / 1.2)
     points = np.column_stack([x, y, z])
-    assert around(stand(points, np.ones(len(points), dtype=np.int64), "auto")) == ()
+    assert not around(stand(points, np.ones(len(points), dtype=np.int64), "auto")).outlines
     if not pit:  # 0.8 of the cone is on the cloud
         path = write_ply(tmp_path / "heap.ply", points + OFFSET)
         (result,) = quantify_client.measure(path, source_unit="m").results
@@ -117,7 +117,7 @@ def test_a_heap_of_too_few_points_for_its_own_outline_is_measured_in_one_around_
 
 def test_where_an_outline_cannot_be_measured_others_are(monkeypatch, tmp_path):
     beside_the_cloud = shapely.box(90.0, 90.0, 95.0, 95.0)
-    monkeypatch.setattr(measure, "around", lambda *_, **__: [beside_the_cloud])
+    monkeypatch.setattr(measure, "around", lambda _: Heaps([beside_the_cloud], things=1))
     path = write_ply(tmp_path / "heap.ply", heap(40_000, 20, 8, 4, 0.05) + OFFSET)
     found = quantify_client.measure(path, source_unit="m")
     (result,) = found.results
@@ -156,6 +156,27 @@ def test_explicit_terrain_counts_a_pit_far_from_the_heap(tmp_path):
     (result,) = found.results
     assert abs(result.volume_m3 - (sum(truths) - pit)) < 2.6 * result.std_m3
     assert result.volume_m3 == pytest.approx(sum(truths) - pit, rel=0.01)
+    # Of itself, the shape is that of the heaps: what is left out is told.
+    found = quantify_client.measure(path, source_unit="m")
+    assert len(found.results) == 2
+    assert "higher or lower there than its plane" in told_of(found)
+
+
+def test_what_no_outline_was_found_for_is_told(tmp_path):
+    """A lid that hangs above the ground was left out, and nothing said so."""
+    points, (truth, _) = two_heaps(20_000, 0.01)
+    lid = np.max(np.abs(points[:, :2] - [30.0, 10.0]), axis=1) < 1.5
+    points[lid, 2] += 2.0
+    points = points[np.hypot(points[:, 0] - 18.0, points[:, 1]) > 2.6]
+    found = quantify_client.measure(
+        write_ply(tmp_path / "heaps.ply", points + OFFSET), source_unit="m"
+    )
+    assert found.results[0].volume_m3 == pytest.approx(truth, rel=0.01)
+    assert "1 of 2 things on the ground being in none" in told_of(found)
+
+
+def told_of(found):
+    return next(warning for warning in found.warnings if "seen from above" in warning)
 
 
 def test_ground_that_is_not_even_is_measured_whole():
@@ -165,8 +186,9 @@ def test_ground_that_is_not_even_is_measured_whole():
     z = np.maximum(0.0, 2.0 - 0.5 * np.hypot(x + 6.0, y))
     z = np.maximum(z, 0.2 - 0.04 * np.hypot(x - 5.0, y)) + rng.normal(0.0, 0.04, len(x))
     standing = stand(np.column_stack([x, y, z]), np.ones(len(x), dtype=np.int64), "auto")
-    assert around(standing)
-    assert around(standing, whole=True) == ()
+    heaps = around(standing)
+    assert len(heaps.outlines) == heaps.things == 1
+    assert not heaps.even
 
 
 # Smooth hills 2 m high and their volumes: a bell, and a cone with a skirt that tapers off.
@@ -202,9 +224,7 @@ def test_a_hill_that_tapers_off_up_to_the_edge_is_all_of_the_cloud(tmp_path):
     found = quantify_client.measure(path, source_unit="m")
     (result,) = found.results
     assert result.area_m2 > 11.5**2
-    assert "all of the cloud, as nowhere around it the ground is level" in " ".join(
-        notice.message for notice in found.warnings
-    )
+    assert "all of the cloud, as nowhere around it the ground is level" in told_of(found)
 
 
 def test_what_hangs_above_the_ground_is_no_heap():
@@ -212,7 +232,7 @@ def test_what_hangs_above_the_ground_is_no_heap():
     points, _ = two_heaps(20_000, 0.03)
     near = np.hypot(points[:, 0] - 18.0, points[:, 1]) < 2.5
     points[near, 2] += 4.0
-    assert around(stand(points, np.ones(len(points), dtype=np.int64), "auto")) == ()
+    assert not around(stand(points, np.ones(len(points), dtype=np.int64), "auto")).outlines
 
 
 def test_explicit_terrain_is_no_worse_known_than_what_is_found(tmp_path):
@@ -242,7 +262,7 @@ def test_a_heap_without_a_crs_is_measured_as_terrain_and_told(form, tmp_path):
     assert abs(result.volume_m3 - truth) < 2.6 * result.std_m3
     assert result.volume_m3 == pytest.approx(truth, rel=0.003 if noise else 1e-3)
     told = [notice for notice in found.warnings if notice.code == "taken-for-terrain"]
-    assert "--shape object measures it as a body" in told[0]
+    assert "--shape object measures what stands on the ground as a body" in told[0]
     assert quantify_client.describe(path, source_unit="m")["shape"] == "terrain"
 
 

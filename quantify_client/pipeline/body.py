@@ -126,8 +126,7 @@ def _by_sections(
     try:
         result = measure_body(source.stem, thinned, recipe, unless_heap=is_left_open)
     except HeapFoundError as heap:
-        heap.far = left_out[FAR]
-        raise
+        raise HeapFoundError(heap.share, heap.heaps, left_out[FAR]) from None
     report("finding the body", 1.0)
     return result, left_out, factor
 

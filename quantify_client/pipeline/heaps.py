@@ -19,6 +19,12 @@ if TYPE_CHECKING:
 
 __all__ = ["measure_heap", "measure_terrain"]
 
+_ALL = "all of the cloud"
+_BESIDE = (
+    ", and what the ground beside holds is not, which is higher or lower there than its plane "
+    "(--shape terrain measures all of the cloud)"
+)
+
 
 def measure_terrain(
     source: Source, frame: Frame, options: Options, report: Progress, base_in: Optional[BaseIn]
@@ -58,8 +64,8 @@ def measure_heap(
     told = Notice(
         "taken-for-terrain",
         f"{heap.share:.0%} of what stands on the ground is seen from above, and the ground goes on "
-        f"around it: {_what(heap.outlines or ())}, measured as terrain in {where}; --shape object "
-        "measures it as a body",
+        f"around it: {_what(heap.heaps.outlines)}, measured as terrain in {where}; --shape object "
+        "measures what stands on the ground as a body",
         share=heap.share,
     )
     return replace(found, warnings=(*found.warnings, told))
@@ -69,19 +75,23 @@ def _anyhow(
     source: Source, frame: Frame, options: Options, report: Progress, heap: HeapFoundError
 ) -> Tuple[Measurement, str]:
     """Return a heap's measurement, and where it was measured, in words."""
-    outlines = heap.outlines or ()
+    heaps, outlines = heap.heaps, heap.heaps.outlines
     found = _in_outlines(source, frame, options, report, outlines)
     if found is not None:
         found = replace(found, warnings=(*found.warnings, *far_away(heap.far)))
-        return found, f"{_around(outlines)}, on level ground"
-    if heap.outlines is None:
-        where = "all of the cloud, as nowhere around it the ground is level"
+        where = f"{_around(outlines)}, on level ground"
+        return found, where if heaps.even else where + _BESIDE
+    if not heaps.level:
+        where = f"{_ALL}, as nowhere around it the ground is level"
         return measure_areas(source, frame, options, report), where
     try:
         found = measure_areas(source, frame, replace(options, area=AUTO), report)
-        return found, "the outline that was found (--area auto)"
     except SupportError:  # nothing that an outline could be drawn around
-        return measure_areas(source, frame, options, report), "all of the cloud"
+        return measure_areas(source, frame, options, report), _ALL
+    where, left = "the outline that was found (--area auto)", heaps.things - len(found.results)
+    if left > 0:
+        where += f", {left} of {heaps.things} things on the ground being in none (--area FILE)"
+    return found, where
 
 
 def _in_outlines(

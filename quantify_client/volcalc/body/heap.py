@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, replace
 from typing import Any, Optional, Sequence
 
 import numpy as np
@@ -15,7 +16,7 @@ from .level_ground import is_even, level_from
 from .plane import columns
 from .spacing import spacings
 
-__all__ = ["HeapFoundError", "around", "heap_share", "seen_from_above"]
+__all__ = ["HeapFoundError", "Heaps", "around", "heap_share", "seen_from_above"]
 
 #: What is seen from above by more than this share, on ground that goes on around it, is a heap: of
 #: a ball or a cube on a floor it is less than half, of half a ball nine tenths.
@@ -37,40 +38,49 @@ _NOISE = 0.001
 _MOST_THINGS = 20
 
 
+@dataclass(frozen=True)
+class Heaps:
+    """Heaps on the ground of a cloud.
+
+    Attributes
+    ----------
+    outlines : shapely Polygons on level ground clear of them, in x and y of the cloud, the largest
+        first. None where the cloud ends nearer to one, where there are holes in the ground,
+        something on it is no heap, or there are so many things that it is not even.
+    things : how many stand on the ground.
+    level : whether the ground around them is level anywhere: it may be theirs up to where the cloud
+        ends, otherwise, and there are no outlines.
+    even : whether all other ground lies in its plane, but for chance: outlines stand for the whole
+        cloud.
+    """
+
+    outlines: Sequence[Any] = ()
+    things: int = 0
+    level: bool = True
+    even: bool = False
+
+
 class HeapFoundError(Exception):
     """The cloud shows a heap on its ground, and the shape was left to be found.
 
     Attributes
     ----------
     share : of it that is seen from above.
-    outlines : shapely Polygons on level ground around it, and around others there are, metres in
-        the measuring frame; none where the ground is not like that, None where it may be the
-        heap's up to where the cloud ends.
+    heaps : the outlines are in the measuring frame.
     far : points of the cloud far from all others, which were left out.
     """
 
-    far = 0
-
-    def __init__(self, share: float, outlines: Optional[Sequence[Any]]) -> None:
+    def __init__(self, share: float, heaps: Heaps, far: int = 0) -> None:
         super().__init__(share)
-        self.share, self.outlines = share, outlines
+        self.share, self.heaps, self.far = share, heaps, far
 
 
-def around(standing: Standing, *, whole: bool = False) -> Optional[Sequence[Any]]:
-    """Return shapely Polygons around heaps, on level ground clear of them, in the cloud's x and y.
-
-    The largest is the first. None where the ground is level nowhere around them, so that it may be
-    theirs up to where the cloud ends. No outlines where there are holes in the ground, something on
-    it is no heap, or there are so many things that it is not even.
-
-    Parameters
-    ----------
-    whole : the outlines stand for the whole cloud: none, either, where the ground beside them is
-        higher or lower than its plane anywhere, beyond chance.
-    """
+def around(standing: Standing) -> Heaps:
+    """Return the heaps that stand on the ground, with outlines around them where there can be."""
     found, spacing = things(standing)
+    heaps = Heaps(things=len(found))
     if len(found) > _MOST_THINGS:
-        return ()
+        return heaps
     outlines = []
     for points in found:
         hull = shapely.convex_hull(shapely.multipoints(standing.as_found(points)[:, :2]))
@@ -79,7 +89,7 @@ def around(standing: Standing, *, whole: bool = False) -> Optional[Sequence[Any]
     ground = shapely.points(standing.as_found(standing.ground)[:, :2])
     cloud, outline = shapely.convex_hull(shapely.multipoints(ground)), shapely.union_all(outlines)
     if not shapely.covers(cloud, outline):
-        return ()
+        return heaps
     away = shapely.distance(ground, outline)
     wider, level = level_from(
         standing.ground[away > 0.0],
@@ -89,16 +99,15 @@ def around(standing: Standing, *, whole: bool = False) -> Optional[Sequence[Any]
         most=shapely.distance(outline, cloud.boundary),
     )
     if not level:
-        return None
+        return replace(heaps, level=False)
     outline = outline.buffer(wider)
     low = standing.ground[:, 2] < -_DEEP * standing.sure
     holes = np.count_nonzero(shapely.contains(outline, ground[low]))
-    if whole and not is_even(standing.ground[~shapely.contains(outline, ground)], spacing):
-        return ()
     parts = sorted(shapely.get_parts(outline), key=lambda part: -part.area)
     if holes > _NOISE * len(standing.points) or not _are_heaps(standing, parts, spacing):
-        return ()
-    return parts
+        return heaps
+    beside = standing.ground[~shapely.contains(outline, ground)]
+    return replace(heaps, outlines=parts, even=is_even(beside, spacing))
 
 
 def _are_heaps(standing: Standing, parts: Sequence[Any], spacing: float) -> bool:

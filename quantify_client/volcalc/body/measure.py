@@ -20,7 +20,7 @@ from .enclose import Enclosed, Open, enclose
 from .estimate import RESAMPLED, Estimate, closing_std, estimate, hidden_volume, is_same_body
 from .floor import Standing, on_lowest_points, stand
 from .foot import SOUND, Foot, find_foot, wedge_std
-from .heap import HeapFoundError, around, heap_share
+from .heap import HeapFoundError, Heaps, around, heap_share
 from .occupancy import cover, occupancy_volume
 from .spacing import is_outlier
 from .voxels import Merged, Thinned
@@ -163,7 +163,10 @@ def heap_outlines(cloud: Thinned) -> Sequence[shapely.Polygon]:
     if is_outlier(points).any():
         return ()
     standing = stand(points, cloud.counts, "auto")
-    return () if heap_share(standing) is None else local.outlines(standing, whole=True) or ()
+    if heap_share(standing) is None:
+        return ()
+    heaps = local.heaps(standing)
+    return heaps.outlines if heaps.even else ()
 
 
 @dataclass(frozen=True)
@@ -181,15 +184,14 @@ class _LocalFrame:
         """(N, 3) points of the measuring frame in this one."""
         return (points - self.origin) / self.scale
 
-    def outlines(
-        self, standing: Standing, *, whole: bool = False
-    ) -> Optional[Sequence[shapely.Polygon]]:
-        """Return the outlines around heaps, if any, in the measuring frame (see `around`)."""
-        found = around(standing, whole=whole)
-        return found and [
+    def heaps(self, standing: Standing) -> Heaps:
+        """Return the heaps that stand on the ground, their outlines in the measuring frame."""
+        found = around(standing)
+        outlines = [
             shapely.transform(one, lambda xy: xy * self.scale[:2] + self.origin[:2])
-            for one in found
+            for one in found.outlines
         ]
+        return replace(found, outlines=outlines)
 
     def in_frame(self, floor: Optional[Floor]) -> Optional[Floor]:
         """Return a floor with its elevation in the measuring frame."""
@@ -220,7 +222,7 @@ def _enclosed(
     standing = stand(local.apply(cloud.points), cloud.counts, floor)
     share = heap_share(standing)
     if unless_heap and share is not None:
-        raise HeapFoundError(share, local.outlines(standing))
+        raise HeapFoundError(share, local.heaps(standing))
     body = _enclose(standing.points, standing.lid, recipe)
     heap = None if share is None else _heap(standing, body, recipe)
     if heap is not None:
