@@ -93,6 +93,10 @@ _OF_EDGES = 0.066
 _OF_DEPTH = 0.12
 _OF_NEITHER = 0.9
 
+#: Of points at random, e is less than 0 by this over the root of their number on average (edges
+#: chamfer), and has that standard deviation: measured (docs/method.md).
+_CHANCE = 4.0
+
 #: Most that e (1 - e)^2 is between points at random, 0, and even ones, 1.
 _MOST_NEITHER = 4.0 / 27.0
 
@@ -168,7 +172,7 @@ def estimate(
     found = facets_of(body.surface, _lids(body), above)
     kept = 0.5 * (found.local + found.whole) * (1.0 - found.along_share)
     points = _points(body)
-    pattern = _Pattern.of(found, again, every, above, nearness(points))
+    pattern = _Pattern.of(found, again, every, above, points)
     deep = _TOO_DEEP * pattern.means if merged is None else _depth_of(merged, found)
     either = _TOO_DEEP * pattern.either if merged is None else 0.0
     noise = _noise(body, again, found, kept, pattern)
@@ -233,15 +237,18 @@ class _Pattern:
         again: Optional[Enclosed],
         every: int,
         above: float,
-        ratios: Tuple[float, float],
+        points: FloatArray,
     ) -> _Pattern:
         """Return the pattern of all points, from their triangles and from those of some."""
         if again is None:
             return cls(math.inf, 0.0, _MOST_NEITHER, 0.0)
         ratio = facets_of(again.surface, _lids(again), above).coarseness / found.coarseness
         even = min(1.0, (ratio / every - 1.0) / (_EVEN - 1.0))
+        chance = _CHANCE / math.sqrt(len(points))
+        beyond = max(0.0, abs(even + chance) - 2.0 * chance)
+        ratios = nearness(points)
         short = max(at_random - own for at_random, own in zip(_RATIOS_AT_RANDOM, ratios))
-        neither = max(abs(even) * (1.0 - even) ** 2, _MOST_NEITHER * short / _SHORT)
+        neither = max(beyond * (1.0 - even) ** 2, _MOST_NEITHER * short / _SHORT)
         return cls(
             ratio=max(float(every), ratio),
             even=max(0.0, even),
