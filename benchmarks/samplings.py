@@ -33,6 +33,8 @@ FIRST_SEED = 9300
 SIZES = (5_000, 20_000, 100_000, 1_000_000)
 MOST_DRAWN = 3_000_000
 """Random points that others are chosen from: 30 times as many, or this many, or twice."""
+COLUMNS, MANY_COLUMNS = 2_000_000, 30_000_000
+"""Lines that tell a volume, to 0.0002 and 0.00003 %: the errors of 100,000 points are as small."""
 
 
 def many(body: Body, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -159,23 +161,35 @@ def in_cubes(body: Body, count: int, rng: np.random.Generator) -> np.ndarray:
     return np.concatenate(found)
 
 
-def union_volume(body: Body, columns: int = 2_000_000) -> float:
-    """Return the volume of a union: of the mean length of upright lines in it, to 0.0002 %."""
+def union_volume(body: Body, columns: int = COLUMNS) -> float:
+    """Return the volume of a union: of the mean length of upright lines in it.
+
+    To 0.0002 % of 2 million lines, one in each square of a grid; the error falls with the power
+    3/4 of their number.
+    """
     rng = np.random.default_rng(0)
     low = np.min([part.middle - part.reach for part in body.parts], axis=0)
     high = np.max([part.middle + part.reach for part in body.parts], axis=0)
     edge = math.sqrt(np.prod((high - low)[:2]) / columns)
-    x, y = np.meshgrid(*(np.arange(a, b, edge) for a, b in zip(low[:2], high[:2])))
-    flat = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
-    flat[:, :2] += edge * rng.random((x.size, 2))
+    x, rows = np.arange(low[0], high[0], edge), np.arange(low[1], high[1], edge)
+    bands = np.array_split(rows, math.ceil(columns / COLUMNS))
+    return math.fsum(_length(body, x, band, edge, rng) for band in bands) * edge**2
+
+
+def _length(
+    body: Body, x: np.ndarray, rows: np.ndarray, edge: float, rng: np.random.Generator
+) -> float:
+    """Return the length within the union of lines, one at random in each square."""
+    at, by = np.meshgrid(x, rows)
+    flat = np.column_stack([at.ravel(), by.ravel(), np.zeros(at.size)])
+    flat[:, :2] += edge * rng.random((at.size, 2))
     spans = np.array([crossed(part, flat) for part in body.parts])
-    total, top = np.zeros(x.size), np.full(x.size, -np.inf)
-    order = np.argsort(spans[:, :, 0], axis=0)
-    for row in order:
-        start, end = spans[row, np.arange(x.size)].T
+    total, top = np.zeros(at.size), np.full(at.size, -np.inf)
+    for row in np.argsort(spans[:, :, 0], axis=0):
+        start, end = spans[row, np.arange(at.size)].T
         total += np.maximum(0.0, end - np.maximum(start, top))
         top = np.maximum(top, end)
-    return float(total.sum() * edge**2)
+    return float(total.sum())
 
 
 def crossed(part: Part, flat: np.ndarray) -> np.ndarray:
@@ -215,13 +229,13 @@ def sampled(kind: str, seed: int, count: int, noise: float) -> np.ndarray:
 
 
 @cache
-def truth_of(seed: int) -> float:
-    return union_volume(random_body(seed))
+def truth_of(seed: int, columns: int = COLUMNS) -> float:
+    return union_volume(random_body(seed), columns)
 
 
 def trial(kind: str, seed: int, count: int, noise: float) -> Tuple[float, float]:
     """Return the error and its stated standard deviation, percent of the truth."""
-    truth = truth_of(seed)
+    truth = truth_of(seed, COLUMNS if count <= 20_000 else MANY_COLUMNS)
     try:
         # The union's own volume, without the water that stands in its creases.
         result = volume_of(sampled(kind, seed, count, noise), hollow=True)

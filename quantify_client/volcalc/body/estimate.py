@@ -244,7 +244,7 @@ class _Pattern:
             return cls(math.inf, 0.0, _MOST_NEITHER, 0.0)
         ratio = facets_of(again.surface, _lids(again), above).coarseness / found.coarseness
         even = min(1.0, (ratio / every - 1.0) / (_EVEN - 1.0))
-        chance = _CHANCE / math.sqrt(len(points))
+        chance = _CHANCE / math.sqrt(max(1, len(points)))
         beyond = max(0.0, abs(even + chance) - 2.0 * chance)
         ratios = nearness(points)
         short = max(at_random - own for at_random, own in zip(_RATIOS_AT_RANDOM, ratios))
