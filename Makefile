@@ -78,6 +78,8 @@ lint: $(DEV)/.ready
 	$(DEV)/bin/ruff format --check .
 	$(DEV)/bin/mypy
 	$(DEV)/bin/lint-imports
+	@# Compiles the tests once: each worker of the suite would do it for itself.
+	MPLBACKEND=Agg $(DEV)/bin/python -m pytest --collect-only -q > /dev/null
 
 format: $(DEV)/.ready
 	$(DEV)/bin/ruff check --fix .
@@ -127,7 +129,9 @@ lint39: $(OLD)/.ready
 	$(OLD)/bin/mypy
 
 suite39: $(OLD)/.ready
-	MPLBACKEND=Agg $(OLD)/bin/python $(SUITE) -m "not one_python" --hypothesis-profile second_python
+	@# What a failed assertion held is told above: here it would be compiled for each worker.
+	MPLBACKEND=Agg $(OLD)/bin/python $(SUITE) --assert=plain -m "not one_python" \
+	  --hypothesis-profile second_python
 else
 say39:
 	@echo "No Python 3.9 with venv found (PATH, pyenv): the run with $(OLD_PINS) is left out;" \

@@ -209,7 +209,7 @@ def test_what_tapers_off_into_the_ground_is_part_of_a_heap(form, truth, noise, t
     rng = np.random.default_rng(3)
     x, y = rng.uniform(-12.0, 12.0, (2, 20_000))
     points = np.column_stack([x, y, 0.03 * x + form(np.hypot(x - 1.0, y))])
-    path = write_ply(tmp_path / "hill.ply", points + rng.normal(0.0, noise, (20_000, 3)) + OFFSET)
+    path = write_ply(tmp_path / "hill.ply", points + rng.normal(0.0, noise, points.shape) + OFFSET)
     for shape in ("auto", "terrain", "object"):
         (result,) = quantify_client.measure(path, source_unit="m", shape=shape).results
         assert result.volume_m3 == pytest.approx(truth, rel=0.01)
@@ -352,9 +352,8 @@ def test_the_crater_of_a_hollow_heap_is_no_part_of_it(tmp_path):
     assert result.volume_m3 == pytest.approx(ring, rel=0.003)
 
 
-@pytest.mark.parametrize("turned", [0.0, 5.0])
-def test_ground_whose_noise_lies_in_two_layers_of_voxels_is_found(turned, tmp_path):
-    angle = math.radians(turned)
+def test_ground_whose_noise_lies_in_two_layers_of_voxels_is_found(tmp_path):
+    angle = math.radians(5.0)
     cos, sin = math.cos(angle), math.sin(angle)
     tilt = np.array([[1.0, 0.0, 0.0], [0.0, cos, -sin], [0.0, sin, cos]])
     points = heap(200_000, 16, 10, 2.0, 0.02) @ tilt.T + OFFSET
