@@ -27,18 +27,44 @@ def test_a_slope_is_level_from_where_it_begins(noise: float) -> None:
     assert np.mean([away for away, _ in found]) < 0.7  # some rings are off by chance
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_skirt_is_not_level_though_noise_hides_each_point_of_it(sign: float) -> None:
-    """A hundredth of a metre high in noise of twice that, up to three metres away."""
-    points, away = ground(0.02)
-    points[:, 2] += sign * 0.01 * (away < 3.0)
+def test_a_skirt_is_not_level_though_noise_hides_each_point_of_it() -> None:
+    """It tapers off over three metres, and is 0.02 m high: twice the noise."""
+    points, away = ground(0.01)
+    points[:, 2] += 0.02 * np.maximum(0.0, 1.0 - away / 3.0)
     begins, level = level_from(points, away, MIDDLE, 0.1)
     assert level
-    assert 2.8 < begins < 4.0
+    assert 1.7 < begins < 4.0
     # Not looked for farther than that.
-    begins, level = level_from(points, away, MIDDLE, 0.1, most=2.0)
+    begins, level = level_from(points, away, MIDDLE, 0.1, most=1.0)
     assert not level
-    assert begins <= 2.0
+    assert begins <= 1.0
+
+
+def test_a_tongue_in_one_direction_is_not_level() -> None:
+    points, away = ground(0.02)
+    along, across = (points[:, :2] - MIDDLE).T
+    tongue = (along > 0.0) & (np.abs(across) < 1.5)
+    points[tongue, 2] += 0.1 * np.maximum(0.0, 1.0 - away[tongue] / 4.0)
+    begins, level = level_from(points, away, MIDDLE, 0.1)
+    assert level
+    assert 2.0 < begins < 5.0
+
+
+@pytest.mark.parametrize("step", [0.1, 0.02, -0.05])
+def test_a_step_farther_out_leaves_the_ground_at_the_foot_level(step: float) -> None:
+    points, away = ground(0.01)
+    points[:, 2] += step * (np.max(np.abs(points[:, :2] - MIDDLE), axis=1) > 7.5)
+    begins, level = level_from(points, away, MIDDLE, 0.1)
+    assert level
+    assert begins < 1.0
+
+
+def test_ground_that_rises_farther_out_is_level_at_the_foot() -> None:
+    points, away = ground(0.01)
+    points[:, 2] += 0.02 * (away / 10.0) ** 2
+    begins, level = level_from(points, away, MIDDLE, 0.1)
+    assert level
+    assert begins < 1.0
 
 
 def test_what_tapers_off_up_to_the_edge_is_level_nowhere() -> None:

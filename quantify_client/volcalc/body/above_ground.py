@@ -107,19 +107,25 @@ def above_ground(standing: Standing) -> Optional[AboveGround]:
     covered = float(area[of_heap[triangles].all(axis=1)].sum())
     away -= clear_from(standing.sure, covered, standing.points[:, 2].max(), spacing)
     middle = standing.points[:, :2].mean(axis=0)
-    level, _ = level_from(points[away > 0.0], away[away > 0.0], middle, spacing)
-    beside = away > level
-    inside = ~beside[triangles].all(axis=1)
-    thirds = np.repeat(area[inside] / 3.0, 3)
-    weight = np.bincount(triangles[inside].ravel(), thirds, len(points)).astype(np.float64)
-    ground = _ground(points, counts, beside, weight, middle)
-    if ground is None:
+    begins, level = level_from(points[away > 0.0], away[away > 0.0], middle, spacing)
+    found = [
+        _over(points, counts, triangles, away > least, middle)
+        for least in ((begins,) if level else (0.0, begins))
+    ]
+    if found[0] is None:
         return None
-    height, base_std = ground
+    weight, height, base_std = found[0]
+    if found[-1] is not None:  # the heap ends anywhere between its foot and the last ground
+        wider = float(found[-1][0] @ found[-1][1])
+        base_std = math.hypot(base_std, (wider - float(weight @ height)) / math.sqrt(3.0))
     noise, shape = _errors(points, height, tin, weight)
     own = of_heap[triangles].any(axis=1)
-    found = np.column_stack([points[:, :2], height])
-    body = _body(found, triangles[own], spacing, noise * float(area[own].sum()))
+    body = _body(
+        np.column_stack([points[:, :2], height]),
+        triangles[own],
+        spacing,
+        noise * float(area[own].sum()),
+    )
     return AboveGround(
         standing=replace(standing, lid=np.empty((0, 3)), unsure=0.0),
         body=body,
@@ -189,6 +195,21 @@ def _merged(standing: Standing) -> Tuple[FloatArray, IntArray, npt.NDArray[np.bo
     sums = [np.bincount(column, counts * axis) for axis in points.T]
     merged = np.column_stack(sums) / held[:, None]
     return merged, held, np.bincount(column, of_heap) > 0, spacing
+
+
+def _over(
+    points: FloatArray,
+    counts: IntArray,
+    triangles: IntArray,
+    beside: npt.NDArray[np.bool_],
+    middle: FloatArray,
+) -> Optional[Tuple[FloatArray, FloatArray, float]]:
+    """Return areas of points in triangles that are not all ground beside, m2, heights, std, m3."""
+    inside = ~beside[triangles].all(axis=1)
+    thirds = np.repeat(_areas(points, triangles[inside]) / 3.0, 3)
+    weight = np.bincount(triangles[inside].ravel(), thirds, len(points)).astype(np.float64)
+    ground = _ground(points, counts, beside, weight, middle)
+    return None if ground is None else (weight, *ground)
 
 
 def _ground(

@@ -1,9 +1,11 @@
 """Where the ground around what stands on it is level, and whether it is so everywhere.
 
 Smooth hills, skirts and talus taper off within the noise of single points. The means of rings of
-ground around them show it: each is compared with the plane through the ground outside of it. How
+ground around them show it: each is compared with the plane through those next to it outside. How
 far they are off by chance is told by leaving out one of eight sectors after the other (jackknife,
-Efron and Tibshirani 1993, equation 11.5), since ground is uneven over more than single points.
+Efron and Tibshirani 1993, equation 11.5), and by how uneven the ground is elsewhere. Only what is
+higher than the ground beside it belongs to a heap, in all sectors together or in one: ground that
+rises farther out, or has a step there, takes nothing from what is level at the foot.
 """
 
 from __future__ import annotations
@@ -24,15 +26,16 @@ _SECTORS = 8
 _RINGS = 48
 _WIDTH = 2.0
 
-#: So many rings together are compared with the ground outside of them, in at least this many
-#: sectors with as many points.
-_TOGETHER = (1, 2, 4, 8)
+#: So many rings together are compared with as many outside of them, in at least this many sectors
+#: with as many points.
+_TOGETHER = (1, 2)
 _FEWEST_SECTORS = 5
 _FEWEST = 5
 
-#: Rings off the plane by more than this many standard errors are not level: more ground costs
-#: little, and what is cut off is lost.
+#: Rings above the plane by more than this many standard errors are not level: more ground costs
+#: little, and what is cut off is lost. One sector alone is where it is by twice as many.
 _OFF = 2.0
+_SECTOR_OFF = 4.0
 
 #: Blocks along the longer side of the ground, and how many standard errors the mean of one is off
 #: by chance: one cloud in some hundreds has such a block.
@@ -52,7 +55,7 @@ def level_from(
 ) -> Tuple[float, bool]:
     """Return how far away the ground is level, metres, and whether it is so anywhere.
 
-    If not, that is where it is least off the plane of the ground outside.
+    If not, that is where it is least above the ground beside it.
 
     Parameters
     ----------
@@ -63,14 +66,14 @@ def level_from(
     """
     width = max(_WIDTH * spacing, float(away.max(initial=0.0)) / _RINGS)
     sums = _sums(ground, np.floor(away / width).astype(np.int64), middle)
-    best, least = 0.0, math.inf
+    best, least = 0, math.inf
     for number in range(min(len(sums), int(min(most, float(away.max(initial=0.0))) / width) + 1)):
         off = _off_by(sums, number, _ROUNDED * spacing)
         if off < least:
-            best, least = number * width, off
+            best, least = number, off
         if off <= _OFF:
             break
-    return best, least <= _OFF
+    return best * width, least <= _OFF
 
 
 def is_even(ground: FloatArray, spacing: float) -> bool:
@@ -109,51 +112,70 @@ def _sums(ground: FloatArray, ring: IntArray, middle: FloatArray) -> FloatArray:
 
 
 def _off_by(sums: FloatArray, first: int, rounded: float) -> float:
-    """Return by how many standard errors rings from the first on are off the plane outside of them.
+    """Return by how many standard errors rings from the first on are above the plane beside them.
 
     Infinitely many where too little is outside to tell.
     """
     off = []
     for together in _TOGETHER:
-        own = sums[first : first + together].sum(axis=0)
-        cells = sums[first + together :]
-        outside = cells.sum(axis=0)
-        around = np.count_nonzero(outside[:, 0, 0] >= _FEWEST)
+        own, beside = (
+            sums[start : start + together].sum(axis=0) for start in (first, first + together)
+        )
+        around = np.count_nonzero(beside[:, 0, 0] >= _FEWEST)
         if around >= _FEWEST_SECTORS and own[:, 0, 0].sum() >= _FEWEST:
-            above, std = _off(own, outside)
-            std = max(math.hypot(std, _uneven(cells.reshape(-1, 4, 4))), rounded / _OFF)
-            off.append(abs(above) / std)
+            noise, uneven = _unevenness(sums[first + together :])
+            least = max(uneven, rounded / _OFF)
+            above, std = _off(own, beside)
+            off.append(above / math.hypot(std, least))
+            by_chance = np.hypot(noise / np.sqrt(np.maximum(own[:, 0, 0], 1.0)), least)
+            by_sector = _above(own, beside.sum(axis=0)) / by_chance
+            off.append(float(by_sector.max()) * _OFF / _SECTOR_OFF)
     return max(off, default=math.inf)
 
 
-def _off(own: FloatArray, outside: FloatArray) -> Tuple[float, float]:
-    """Return how far ground is above the plane outside on average, and its standard error, metres.
+def _off(own: FloatArray, beside: FloatArray) -> Tuple[float, float]:
+    """Return how far ground is above the plane beside on average, and its standard error, metres.
 
     Parameters
     ----------
-    own, outside : (8, 4, 4) sums by sector.
+    own, beside : (8, 4, 4) sums by sector.
     """
-    some = np.flatnonzero(own[:, 0, 0] + outside[:, 0, 0])
+    some = np.flatnonzero(own[:, 0, 0] + beside[:, 0, 0])
     # All of it, and all but one sector.
     own = np.concatenate([own.sum(axis=0)[None], own.sum(axis=0) - own[some]])
-    outside = np.concatenate([outside.sum(axis=0)[None], outside.sum(axis=0) - outside[some]])
-    plane = np.linalg.pinv(outside[:, :3, :3]) @ outside[:, :3, 3:]
-    above = own[:, 0, 3] - (own[:, :1, :3] @ plane)[:, 0, 0]
-    off = above / np.maximum(own[:, 0, 0], 1.0)
+    beside = np.concatenate([beside.sum(axis=0)[None], beside.sum(axis=0) - beside[some]])
+    off = _above(own, beside)
     return float(off[0]), math.sqrt((len(some) - 1.0) * float(off[1:].var()))
 
 
-def _uneven(cells: FloatArray) -> float:
-    """Return how far pieces of ground lie off their plane by more than noise, metres (RMS).
+def _above(own: FloatArray, beside: FloatArray) -> FloatArray:
+    """(K,) how far pieces of ground (K, 4, 4) are above planes through others, metres."""
+    plane = np.linalg.pinv(beside[..., :3, :3]) @ beside[..., :3, 3:]
+    above = own[:, 0, 3] - (own[:, :1, :3] @ plane)[:, 0, 0]
+    return np.asarray(above / np.maximum(own[:, 0, 0], 1.0))
+
+
+def _unevenness(cells: FloatArray) -> Tuple[float, float]:
+    """Return the noise of points, and how far pieces of rings are off their ring beyond it.
+
+    Both are root mean squares of heights above the plane of all, metres.
 
     Parameters
     ----------
-    cells : (C, 4, 4) sums by piece.
+    cells : (R, 8, 4, 4) sums by ring and sector.
     """
-    total = cells.sum(axis=0)
+    total = cells.sum(axis=(0, 1))
     down = np.append(-np.linalg.pinv(total[:3, :3]) @ total[:3, 3], 1.0)
-    count = cells[:, 0, 0]
-    square = (cells[:, 0] @ down) ** 2 / np.maximum(count, 1.0)  # of means, by how many points
-    pieces = np.count_nonzero(count)
-    noise = (down @ total @ down - square.sum()) / max(count.sum() - pieces, 1.0)
-    return math.sqrt(max(0.0, float(square.sum() - pieces * noise) / float(count.sum())))
+    count, heights = cells[:, :, 0, 0], cells[:, :, 0] @ down
+    pieces, points = np.count_nonzero(count), float(count.sum())
+    within = float(down @ total @ down) - _by_count(heights, count)
+    noise = max(0.0, within) / max(points - pieces, 1.0)
+    rings = _by_count(heights.sum(axis=1), count.sum(axis=1))
+    apart = np.count_nonzero(count.sum(axis=1))
+    square = _by_count(heights, count) - rings - (pieces - apart) * noise
+    return math.sqrt(noise), math.sqrt(max(0.0, square) / max(points, 1.0))
+
+
+def _by_count(sums: FloatArray, count: FloatArray) -> float:
+    """Return the squares of means, each as often as it has points."""
+    return float((sums**2 / np.maximum(count, 1.0)).sum())
