@@ -81,9 +81,8 @@ def is_even(ground: FloatArray, spacing: float) -> bool:
 
     Low mounds and pits have a volume that no point shows by itself.
     """
-    low, high = ground[:, :2].min(axis=0), ground[:, :2].max(axis=0)
-    block = columns(ground, float(np.max(high - low)) / _BLOCKS)
-    terms = np.column_stack([np.ones(len(ground)), ground[:, :2] - low])
+    block = columns(ground, float(np.ptp(ground[:, :2], axis=0).max()) / _BLOCKS)
+    terms = np.column_stack([np.ones(len(ground)), ground[:, :2] - ground[:, :2].mean(axis=0)])
     height = ground[:, 2] - terms @ np.linalg.lstsq(terms, ground[:, 2], rcond=None)[0]
     noise = max(float(height.std()), _ROUNDED * spacing)
     off = np.bincount(block, height) / np.sqrt(np.maximum(np.bincount(block), 1))
@@ -100,7 +99,7 @@ def sector_of(places: FloatArray, middle: FloatArray) -> IntArray:
 def _sums(ground: FloatArray, ring: IntArray, middle: FloatArray) -> FloatArray:
     """(R, 8, 4, 4) sums of the products of 1, x, y and z, by ring and sector."""
     around = ground[:, :2] - middle
-    unit = max(float(np.abs(around).max(initial=0.0)), np.finfo(float).tiny)
+    unit = max(float(np.abs(around).max(initial=0.0)), float(np.finfo(float).tiny))
     terms = np.column_stack([np.ones(len(ground)), around / unit, ground[:, 2]])
     rings = int(ring.max(initial=-1)) + 1
     place = ring * _SECTORS + sector_of(ground[:, :2], middle)
