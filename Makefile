@@ -69,7 +69,8 @@ plugin: $(VENV)/.ready
 # Installing and checking types keep one processor busy each.
 test: say say39
 	@$(MAKE) --no-print-directory -j2 SIDE_BY_SIDE=1 lint lint39 $(BROKER)
-	@$(MAKE) --no-print-directory suite suite39 broker
+	@$(MAKE) --no-print-directory suite
+	@$(MAKE) --no-print-directory -j2 SIDE_BY_SIDE=1 suite39 broker
 
 SUITE = -m pytest -n $(JOBS) --dist worksteal --durations=10
 

@@ -122,7 +122,7 @@ def _off_by(sums: FloatArray, first: int, rounded: float) -> float:
         )
         around = np.count_nonzero(beside[:, 0, 0] >= _FEWEST)
         if around >= _FEWEST_SECTORS and own[:, 0, 0].sum() >= _FEWEST:
-            noise, uneven = _unevenness(sums[first + together :])
+            noise, uneven = _unevenness(sums[(first + together + len(sums)) // 2 :])
             least = max(uneven, rounded / _OFF)
             above, std = _off(own, beside)
             off.append(above / math.hypot(std, least))
