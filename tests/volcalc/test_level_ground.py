@@ -61,7 +61,7 @@ def test_a_step_farther_out_leaves_the_ground_at_the_foot_level(step: float) -> 
 
 def test_ground_that_rises_farther_out_is_level_at_the_foot() -> None:
     points, away = ground(0.01)
-    points[:, 2] += 0.3 * (away / 10.0) ** 2
+    points[:, 2] += (away / 10.0) ** 2
     begins, level = level_from(points, away, MIDDLE, 0.1)
     assert level
     assert begins < 1.0
