@@ -33,7 +33,7 @@ _FEWEST_SECTORS = 5
 _FEWEST = 5
 
 #: Rings above the plane by more than this many standard errors are not level: more ground costs
-#: little, and what is cut off is lost. One sector alone is where it is by twice as many.
+#: little, and what is cut off is lost. Nor are they where one sector by itself is, by the second.
 _OFF = 2.0
 _SECTOR_OFF = 4.0
 
