@@ -107,17 +107,10 @@ def above_ground(standing: Standing) -> Optional[AboveGround]:
     covered = float(area[of_heap[triangles].all(axis=1)].sum())
     away -= clear_from(standing.sure, covered, standing.points[:, 2].max(), spacing)
     middle = standing.points[:, :2].mean(axis=0)
-    begins, level = level_from(points[away > 0.0], away[away > 0.0], middle, spacing)
-    found = [
-        _over(points, counts, triangles, away > least, middle)
-        for least in ((begins,) if level else (0.0, begins))
-    ]
-    if found[0] is None:
+    ground = _beside(points, counts, triangles, area, away, middle, spacing)
+    if ground is None:
         return None
-    weight, height, base_std = found[0]
-    if found[-1] is not None:  # the heap ends anywhere between its foot and the last ground
-        wider = float(found[-1][0] @ found[-1][1])
-        base_std = math.hypot(base_std, (wider - float(weight @ height)) / math.sqrt(3.0))
+    weight, height, base_std = ground
     noise, shape = _errors(points, height, tin, weight)
     own = of_heap[triangles].any(axis=1)
     body = _body(
@@ -197,19 +190,43 @@ def _merged(standing: Standing) -> Tuple[FloatArray, IntArray, npt.NDArray[np.bo
     return merged, held, np.bincount(column, of_heap) > 0, spacing
 
 
-def _over(
+def _beside(
     points: FloatArray,
     counts: IntArray,
     triangles: IntArray,
-    beside: npt.NDArray[np.bool_],
+    area: FloatArray,
+    away: FloatArray,
     middle: FloatArray,
+    spacing: float,
 ) -> Optional[Tuple[FloatArray, FloatArray, float]]:
-    """Return areas of points in triangles that are not all ground beside, m2, heights, std, m3."""
-    inside = ~beside[triangles].all(axis=1)
-    thirds = np.repeat(_areas(points, triangles[inside]) / 3.0, 3)
-    weight = np.bincount(triangles[inside].ravel(), thirds, len(points)).astype(np.float64)
-    ground = _ground(points, counts, beside, weight, middle)
-    return None if ground is None else (weight, *ground)
+    """Return areas of points up to level ground, m2, heights above it, and what it is known to, m3.
+
+    Where ground is level nowhere the heap ends anywhere between its foot and the last ground.
+
+    Parameters
+    ----------
+    area : (T,) of the triangles, m2.
+    away : (N,) how far beyond the foot points are, metres.
+    middle : (2,) of the heap.
+    """
+
+    def above(begins: float) -> Optional[Tuple[FloatArray, FloatArray, float]]:
+        beside = away > begins
+        inside = ~beside[triangles].all(axis=1)
+        thirds = np.repeat(area[inside] / 3.0, 3)
+        weight = np.bincount(triangles[inside].ravel(), thirds, len(points)).astype(np.float64)
+        ground = _ground(points, counts, beside, weight, middle)
+        return None if ground is None else (weight, *ground)
+
+    begins, level = level_from(points[away > 0.0], away[away > 0.0], middle, spacing)
+    if level:
+        return above(begins)
+    nearest, last = above(0.0), above(begins)
+    if nearest is None or last is None:
+        return nearest
+    weight, height, std = nearest
+    more = float(last[0] @ last[1]) - float(weight @ height)
+    return weight, height, math.hypot(std, more / math.sqrt(3.0))
 
 
 def _ground(
