@@ -230,6 +230,7 @@ def test_who_may_look_sees_it_and_cannot_delete_it(viewer, task, measured):
     page.wait_for_timeout(1000)
     viewer.picture("webodm-viewer")
     page.click("text=All measurements")
+    page.wait_for_selector(f".vc-saved .vc-link >> text={NAME}")
     assert page.locator("[aria-label^='Delete']").count() == 0
     root = f"/api/plugins/volcalc/task/{task['id']}/measurements"
     headers = {"X-CSRFToken": viewer.token(), "Referer": URL}

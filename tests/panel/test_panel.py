@@ -83,9 +83,9 @@ def test_draw_measure_save_show_rename_delete(open_page, tasks, outline, expecte
     assert len(viewer.layers()) == 2
     assert viewer.page.locator("[aria-label='Rename']").count() == 0
     viewer.page.click("text=All measurements")
+    viewer.page.wait_for_selector(".vc-saved >> text=owner")
     assert viewer.page.locator("[aria-label^='Delete']").count() == 0
-    assert viewer.layers() == []
-    assert "owner" in viewer.page.inner_text(".vc-saved")
+    viewer.page.wait_for_function("document.querySelectorAll('.host-layers label').length === 0")
 
     page.page.reload()
     page.open_panel()
