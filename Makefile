@@ -185,11 +185,11 @@ define need_python
 endef
 
 # $(1): the environment, made anew; $(2): its Python; $(3): what to install. pip before 21.3 cannot
-# install editable projects.
+# install editable projects. What is used is compiled as it is used, not all there is.
 define install
 @echo "Installing into $(1) (a minute or two) ..."
 @"$(2)" -m venv --clear $(1)
-@{ $(1)/bin/python $(PIP) install "pip>=21.3" && $(1)/bin/python $(PIP) install $(3); } || { \
+@{ $(1)/bin/python $(PIP) install "pip>=21.3" && $(1)/bin/python $(PIP) install --no-compile $(3); } || { \
   echo "make: installing into $(1) failed, see above: is there a network connection?" >&2; exit 1; }
 endef
 

@@ -89,6 +89,7 @@ def basin(*passages):
         first=np.zeros(len(faces), dtype=np.int64),
         second=np.ones(len(faces), dtype=np.int64),
         faces=faces,
+        area=np.ones(len(faces)),
         width=widths,
     )
 

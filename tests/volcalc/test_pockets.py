@@ -25,6 +25,7 @@ def landscape(count, passages):
         first=first.astype(np.int64),
         second=second.astype(np.int64),
         faces=np.zeros((len(width), 3), dtype=np.int64),
+        area=np.ones(len(width)),
         width=width,
     )
 

@@ -84,7 +84,7 @@ def test_the_width_of_a_face_is_the_smallest_circle_round_it(exact, triangle, wi
     space = tetrahedralize(points)
     (face,) = np.flatnonzero((np.sort(space.faces, axis=1) == [0, 1, 2]).all(axis=1))
     assert space.width[face] == pytest.approx(width, rel=1e-12)
-    assert space.face_areas(np.array([face]))[0] == pytest.approx(area, rel=1e-12)
+    assert space.area[face] == pytest.approx(area, rel=1e-12)
 
 
 def test_the_spacing_of_a_lattice_is_its_step():

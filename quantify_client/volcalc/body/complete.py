@@ -182,7 +182,7 @@ def _enclosed(
     """
     border = border_faces(space, matter)
     unseen = open_faces(space, border) | (kind[space.faces[border]] >= _GHOST).any(axis=1)
-    closing, area = border[unseen], space.face_areas(border)
+    closing, area = border[unseen], space.area[border]
     gaps = gaps_of(space, closing)
     spaces = Spaces(matter.astype(np.int64), np.array([0, 1]), gaps, closing, ())
     body = enclosed_by(space, spaces, hollow=False, empty=empty, real=kind == 0)
@@ -334,7 +334,7 @@ def _without_sheets(
     joined, border = first & second, np.flatnonzero(first != second)
     part = connected(space.first[joined], space.second[joined], space.around + 1)
     of = part[np.where(first, space.first, space.second)[border]]
-    area = np.bincount(of, space.face_areas(border), int(part.max()) + 1)
+    area = np.bincount(of, space.area[border], int(part.max()) + 1)
     volume = np.bincount(part, np.where(matter, space.volume, 0.0))
     return matter & (volume > SHEET * spacing * area / 2.0)[part]
 

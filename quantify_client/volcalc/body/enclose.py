@@ -257,5 +257,5 @@ def _missed(space: Tetrahedra, count: int, spaces: Spaces, body: Enclosed) -> fl
 
 def _is_sheet(space: Tetrahedra, matter: npt.NDArray[np.bool_], spacing: float) -> bool:
     """Whether matter is as thin as the points of a single surface make it."""
-    area = float(space.face_areas(border_faces(space, matter)).sum())
+    area = float(space.area[border_faces(space, matter)].sum())
     return float(space.volume[matter].sum()) < SHEET * spacing * area / 2.0

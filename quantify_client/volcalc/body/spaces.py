@@ -193,7 +193,8 @@ def border_faces(space: Tetrahedra, number: npt.NDArray[Any]) -> IntArray:
 
 def open_faces(space: Tetrahedra, faces: IntArray) -> npt.NDArray[np.bool_]:
     """(K,) True for faces that are wider than gaps between points on a surface."""
-    spacing = space.spacing[space.faces[faces]].max(axis=1)
+    a, b, c = (space.spacing[space.faces[faces, i]] for i in range(3))
+    spacing = np.maximum(np.maximum(a, b), c)
     return np.asarray(space.width[faces] > OPEN * spacing)
 
 
@@ -208,10 +209,11 @@ class _Pairs:
 
     def __init__(self, one: IntArray, other: IntArray, *weights: FloatArray) -> None:
         apart = one != other
-        ends = np.sort([one[apart], other[apart]], axis=0)
-        pairs, which = np.unique(ends, axis=1, return_inverse=True)
-        which = which.ravel()
-        self.first, self.second = pairs
+        one, other = one[apart], other[apart]
+        count = int(max(one.max(initial=0), other.max(initial=0))) + 1
+        keys = np.minimum(one, other) * count + np.maximum(one, other)
+        pairs, which = np.unique(keys, return_inverse=True)
+        self.first, self.second = np.divmod(pairs, count)
         sums: List[FloatArray] = [
             np.bincount(which, weight[apart], len(self.first)).astype(np.float64)
             for weight in weights
@@ -223,7 +225,7 @@ class _Pairs:
         """Return the neighbours among some pockets or spaces."""
         face = border_faces(space, number)
         one, other = number[space.first[face]], number[space.second[face]]
-        area = space.face_areas(face)
+        area = space.area[face]
         open_area = np.where(open_faces(space, face), area, 0.0)
         return cls(one, other, open_area, area, np.ones(len(face)))
 
@@ -279,7 +281,7 @@ def gaps_of(space: Tetrahedra, faces: IntArray) -> Tuple[Gap, ...]:
     points, corner = np.unique(space.faces[faces], return_inverse=True)
     face, count = np.repeat(np.arange(len(faces)), 3), len(faces)
     cluster = connected(face, count + corner.ravel(), count + len(points))[:count]
-    middle, area = space.points[space.faces[faces]].mean(axis=1), space.face_areas(faces)
+    middle, area = space.points[space.faces[faces]].mean(axis=1), space.area[faces]
     gaps = []
     for which in np.unique(cluster):
         own = cluster == which

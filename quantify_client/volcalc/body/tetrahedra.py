@@ -52,6 +52,8 @@ class Tetrahedra:
         The two tetrahedra of each face, ``second`` being M for all space around.
     faces : (F, 3) int64
         Points of each face, counter-clockwise seen from its second tetrahedron.
+    area : (F,) float64
+        Of each face, square metres.
     width : (F,) float64
         Diameter of the largest ball that passes through a face, metres: of the smallest circle
         round its three corners.
@@ -64,6 +66,7 @@ class Tetrahedra:
     first: IntArray
     second: IntArray
     faces: IntArray
+    area: FloatArray
     width: FloatArray
     _delaunay: Any = field(default=None, repr=False)
 
@@ -71,11 +74,6 @@ class Tetrahedra:
     def around(self) -> int:
         """The number that stands for the space around the convex hull."""
         return len(self.corners)
-
-    def face_areas(self, which: IntArray) -> FloatArray:
-        """Return the (K,) areas of some faces, square metres."""
-        normals = face_normals(self.points, self.faces[which])
-        return np.asarray(0.5 * np.linalg.norm(normals, axis=1))
 
     def middles(self) -> FloatArray:
         """(M, 3) centroids of the tetrahedra, metres."""
@@ -141,7 +139,7 @@ def tetrahedralize(points: FloatArray) -> Tetrahedra:
     corners = delaunay.simplices.astype(np.int64)
     a, b, c, d = (points[corners[:, i]] for i in range(4))
     volume = np.abs(_sixfold(b - a, c - a, d - a)) / 6.0
-    first, second, faces, areas = _faces(points, corners, delaunay.neighbors.astype(np.int64))
+    first, second, faces, area = _faces(points, corners, delaunay.neighbors.astype(np.int64))
     return Tetrahedra(
         points=points,
         spacing=spacing,
@@ -150,7 +148,8 @@ def tetrahedralize(points: FloatArray) -> Tetrahedra:
         first=first,
         second=second,
         faces=faces,
-        width=_widths(points, faces, areas),
+        area=area,
+        width=_widths(points, faces, area),
         _delaunay=delaunay,
     )
 
@@ -201,10 +200,12 @@ def connected(first: IntArray, second: IntArray, count: int) -> IntArray:
     return np.asarray(connected_components(links, directed=False)[1], np.int64)
 
 
-def _widths(points: FloatArray, faces: IntArray, areas: FloatArray) -> FloatArray:
+def _widths(points: FloatArray, faces: IntArray, area: FloatArray) -> FloatArray:
     """(F,) diameters of the smallest circles round triangles."""
     a, b, c = (points[faces[:, i]] for i in range(3))
-    sides = np.sort([np.linalg.norm(d, axis=1) for d in (b - a, c - b, a - c)], axis=0)
-    around = np.prod(sides, axis=0) / np.maximum(2.0 * areas, np.finfo(float).tiny)
-    obtuse = sides[2] ** 2 >= sides[0] ** 2 + sides[1] ** 2
-    return np.asarray(np.where(obtuse, sides[2], around))
+    squares = [np.einsum("ij,ij->i", d, d) for d in (b - a, c - b, a - c)]
+    longest = np.maximum(np.maximum(squares[0], squares[1]), squares[2])
+    product = np.sqrt(squares[0] * squares[1] * squares[2])
+    around = product / np.maximum(2.0 * area, np.finfo(float).tiny)
+    obtuse = 2.0 * longest >= squares[0] + squares[1] + squares[2]
+    return np.asarray(np.where(obtuse, np.sqrt(longest), around))
