@@ -83,6 +83,7 @@ def basin(*passages):
     z = np.concatenate([[0, 2, 2, 2], np.repeat(heights, 3)])
     return Tetrahedra(
         points=np.column_stack([np.zeros((len(z), 2)), z + OFFSET[2]]),
+        moved=np.zeros((len(z), 3)),
         spacing=np.ones(len(z)),
         corners=np.arange(4)[None],
         volume=np.array([1.0, 0.0]),

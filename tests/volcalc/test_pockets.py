@@ -19,6 +19,7 @@ def landscape(count, passages):
     nothing = np.empty((0, 3))
     return Tetrahedra(
         points=nothing,
+        moved=nothing,
         spacing=np.empty(0),
         corners=np.zeros((count, 4), dtype=np.int64),
         volume=np.ones(count + 1),

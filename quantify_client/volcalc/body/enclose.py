@@ -80,6 +80,7 @@ class Enclosed:
     buried : of thin walls, mean depth of their points below the surface times its area, cubic
         metres.
     missed : of other bodies, the same of points on neither side of it, beyond the depth of noise.
+    moved : what the surface encloses more as its points were moved a little, cubic metres.
     """
 
     surface: BodySurface
@@ -98,6 +99,7 @@ class Enclosed:
     unseen: Optional[Unseen] = None
     buried: float = 0.0
     missed: float = 0.0
+    moved: float = 0.0
 
     @property
     def skin(self) -> float:
@@ -193,7 +195,18 @@ def enclosed_by(
         leaks=spaces.leaks,
         thin_walled=thin_walled,
         apart=_apart(space, solid[:-1]),
+        moved=_moved(space, surface),
     )
+
+
+def _moved(space: Tetrahedra, surface: BodySurface) -> float:
+    """Return what a surface encloses more as its points were moved, cubic metres.
+
+    Of four points that are nearly on a plane those that were moved outwards are on the surface
+    rather than those that were moved inwards.
+    """
+    by = space.moved[surface.number].mean(axis=1)
+    return 0.5 * float((by * surface.normals()).sum())
 
 
 def _seen(space: Tetrahedra, level: FloatArray, empty: npt.NDArray[np.bool_]) -> FloatArray:

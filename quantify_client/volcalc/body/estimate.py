@@ -21,9 +21,8 @@ Vertices of marching cubes and scan lines are neither: how far points are from b
 the facets may be. Where walls are too thin for the points, surfaces pass by some of them
 (`Enclosed.missed`), and as much is uncertain.
 
-Two more parts were not seen at all: what lies below the lowest section (`hidden_volume`) and what
-bulged behind a closed opening (`closing_std`). An opening hardly wider than the gaps between points
-is one of these: the surface goes on over it as it does beside it.
+Two more parts were not seen at all: what lies below the lowest section (`hidden_volume`) and how
+the surface goes on over openings that were closed (openings.py).
 """
 
 from __future__ import annotations
@@ -38,11 +37,10 @@ from ...types import FloatArray
 from .enclose import Enclosed
 from .facets import Facets, facets_of
 from .floor import Standing
-from .spaces import OPEN
 from .spacing import nearness
 from .voxels import Merged
 
-__all__ = ["RESAMPLED", "Estimate", "closing_std", "estimate", "hidden_volume", "is_same_body"]
+__all__ = ["RESAMPLED", "Estimate", "estimate", "hidden_volume", "is_same_body"]
 
 #: Every third point finds the body once more; every second where a third cannot tell walls apart.
 RESAMPLED = (3, 2)
@@ -74,9 +72,6 @@ _OF_LEAST_DISTANCE = 0.9
 #: nothing else tells how even they are.
 _AT_RANDOM = 0.7
 _OF_FEWEST_MEANS = 0.8
-
-#: Openings no wider than this many spacings are gaps between points: faces are open from 3 on.
-_GAP = 2.0 * OPEN
 
 #: What means of voxels lie too deep by, as a share of the facets.
 _TOO_DEEP = 0.5
@@ -132,10 +127,6 @@ _OF_SHEET = 0.6
 #: deviation, chosen: as for the lowest points of a body).
 _RIM = 0.25
 
-#: How high an opening's surface may have bulged beyond its lid, as a share of its width: chosen,
-#: see benchmarks/objects.py (holes of 20 %).
-_BULGE = 0.05
-
 
 @dataclass(frozen=True)
 class Estimate:
@@ -169,7 +160,7 @@ def estimate(
     """
     if body.thin_walled:
         return _of_thin_walls(body)
-    found = facets_of(body.surface, _lids(body), above)
+    found = facets_of(body.surface, body.patches, above)
     kept = 0.5 * (found.local + found.whole) * (1.0 - found.along_share)
     points = _points(body)
     pattern = _Pattern.of(found, again, every, above, points)
@@ -179,7 +170,7 @@ def estimate(
     side = math.sqrt(found.coarseness / 3.0)
     area = max(found.area, float(np.finfo(float).tiny))
     return Estimate(
-        volume=body.within + kept + deep * kept + noise,
+        volume=body.within - body.moved + kept + deep * kept + noise,
         sampling_std=math.hypot(
             _OF_FACETS * kept,
             _OF_CURVATURE * abs(found.curvature) * side / area * kept,
@@ -202,7 +193,7 @@ def _of_thin_walls(body: Enclosed) -> Estimate:
     of_rim = 0.0
     if body.water > 0.0:
         of_rim = _RIM * body.spacing / (body.surface.highest - body.surface.lowest) * body.water
-    volume = body.within - _OF_BURIED * body.buried
+    volume = body.within - body.moved - _OF_BURIED * body.buried
     spread = min(1.0, _BURIED_IN_NOISE * body.buried / body.within)
     outline_std = math.hypot(
         _OF_BURIED_STD * body.buried,
@@ -242,7 +233,7 @@ class _Pattern:
         """Return the pattern of all points, from their triangles and from those of some."""
         if again is None:
             return cls(math.inf, 0.0, _MOST_NEITHER, 0.0)
-        ratio = facets_of(again.surface, _lids(again), above).coarseness / found.coarseness
+        ratio = facets_of(again.surface, again.patches, above).coarseness / found.coarseness
         even = min(1.0, (ratio / every - 1.0) / (_EVEN - 1.0))
         chance = _CHANCE / math.sqrt(max(1, len(points)))
         beyond = max(0.0, abs(even + chance) - 2.0 * chance)
@@ -320,24 +311,3 @@ def hidden_volume(standing: Standing, body: Enclosed) -> Tuple[float, float]:
     half = 0.0 if standing.pose is None else 0.5
     volume = area * (standing.sure + half * standing.unsure)
     return volume, area * standing.unsure / math.sqrt(12.0)
-
-
-def closing_std(body: Enclosed) -> float:
-    """Return the standard deviation from closing openings flat where the surface may bulge."""
-    if body.unseen is not None:
-        return body.unseen.std
-    lids = _lids(body)
-    a, b, c = lids.transpose(1, 0, 2)
-    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    return _BULGE * float(np.sum(area * _widths(lids)))
-
-
-def _lids(body: Enclosed) -> FloatArray:
-    """(L, 3, 3) the triangles that close openings wider than gaps between points, metres."""
-    return body.patches[_widths(body.patches) > _GAP * body.spacing]
-
-
-def _widths(triangles: FloatArray) -> FloatArray:
-    """(L,) longest sides, metres."""
-    sides = np.roll(triangles, -1, axis=1) - triangles
-    return np.asarray(np.linalg.norm(sides, axis=2).max(axis=1, initial=0.0))

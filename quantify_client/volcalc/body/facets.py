@@ -29,7 +29,7 @@ import numpy.typing as npt
 from ...types import FloatArray, IntArray
 from .sections import BodySurface
 
-__all__ = ["Facets", "facets_of"]
+__all__ = ["Facets", "bend", "facets_of", "is_among"]
 
 #: A side lies along an edge where it turns by more than this many times what the surface does at
 #: the corners opposite, and by more than this (radians): less is curvature.
@@ -75,23 +75,20 @@ def facets_of(surface: BodySurface, patches: FloatArray, above: float = -np.inf)
     above : height that the triangles that count lie above, metres.
     """
     corners, number = surface.corners, surface.number
-    own = (corners[:, 0, 2] >= above) & ~_among(corners, patches)
+    own = (corners[:, 0, 2] >= above) & ~is_among(corners, patches)
     if not own.any():
         return Facets(0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
     corners, number = corners[own], np.unique(number[own], return_inverse=True)[1].reshape(-1, 3)
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals *= surface.sign[own, None]
+    normals = surface.normals()[own]
     doubled = np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)
     normals /= doubled[:, None]
-    sides = np.roll(corners, -1, axis=1) - corners
-    squares = (sides**2).sum(axis=2)
+    squares = ((np.roll(corners, -1, axis=1) - corners) ** 2).sum(axis=2)
     at_corners = _at_corners(number, normals, doubled, squares)[number]
-    bends = ((np.roll(at_corners, -1, axis=1) - at_corners) * sides).sum(axis=(1, 2))
     turned, along = _turns(corners, number, normals)
     area = 0.5 * doubled
     mean = float((area * squares.sum(axis=1)).sum() / area.sum())
     return Facets(
-        local=float((area * bends).sum()) / 24.0,
+        local=float((area * bend(corners, at_corners)).sum()),
         whole=turned * mean / 24.0,
         along=along * mean / 24.0,
         curvature=turned,
@@ -100,7 +97,18 @@ def facets_of(surface: BodySurface, patches: FloatArray, above: float = -np.inf)
     )
 
 
-def _among(corners: FloatArray, patches: FloatArray) -> npt.NDArray[np.bool_]:
+def bend(corners: FloatArray, normals: FloatArray) -> FloatArray:
+    """(K,) how far the surface lies above triangles on average, metres.
+
+    Parameters
+    ----------
+    corners, normals : (K, 3, 3) float64, metres, and the surface's unit normals there.
+    """
+    sides, turns = (np.roll(some, -1, axis=1) - some for some in (corners, normals))
+    return np.asarray((turns * sides).sum(axis=(1, 2)) / 24.0)
+
+
+def is_among(corners: FloatArray, patches: FloatArray) -> npt.NDArray[np.bool_]:
     """(K,) True for triangles that are patches: the same corners in another order."""
     order = np.argsort(patches[:, :, 2], axis=1, kind="stable")
     sorted_patches = np.take_along_axis(patches, order[:, :, None], axis=1)

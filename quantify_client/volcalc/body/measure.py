@@ -17,11 +17,12 @@ from ..body_slices import CONVERGENCE, TERRAIN_ONLY, BodyRecipe, slab_edges, sli
 from .above_ground import AboveGround, above_ground
 from .complete import complete, is_partly_seen
 from .enclose import Enclosed, Open, enclose
-from .estimate import RESAMPLED, Estimate, closing_std, estimate, hidden_volume, is_same_body
+from .estimate import RESAMPLED, Estimate, estimate, hidden_volume, is_same_body
 from .floor import Standing, on_lowest_points, stand
 from .foot import SOUND, Foot, find_foot, wedge_std
 from .heap import HeapFoundError, Heaps, around, heap_share
 from .occupancy import cover, occupancy_volume
+from .openings import beyond_lids
 from .spacing import is_outlier
 from .voxels import Merged, Thinned
 from .warnings import body_warnings, why_open
@@ -124,24 +125,27 @@ def _parts(
     hidden, hidden_std = unseen
     if foot is not None:
         hidden, hidden_std = foot.volume, math.hypot(hidden_std, foot.std)
+    if body.unseen is None:
+        beyond, closing_std = beyond_lids(body)
+    else:
+        beyond, closing_std = body.unseen.shift, body.unseen.std
     budget = (
         BudgetItem("outline", found.outline_std),
         BudgetItem("sampling", found.sampling_std),
         BudgetItem("slicing", 0.0),
-        BudgetItem("coverage", math.hypot(hidden_std, closing_std(body))),
+        BudgetItem("coverage", math.hypot(hidden_std, closing_std)),
     )
-    shift = 0.0 if body.unseen is None else body.unseen.shift
-    return found.volume + shift, hidden, budget
+    return found.volume + beyond, hidden, budget
 
 
 def _parts_of_heap(heap: AboveGround) -> Tuple[float, float, Tuple[BudgetItem, ...]]:
-    """Return the same of a heap."""
+    """Return the same of a heap. What goes on over its gaps is not added: hollows are as many."""
     budget = (
         BudgetItem("outline", heap.outline_std),
         BudgetItem("sampling", heap.sampling_std),
         BudgetItem("base", heap.base_std),
         BudgetItem("slicing", 0.0),
-        BudgetItem("coverage", closing_std(heap.body)),
+        BudgetItem("coverage", math.hypot(*beyond_lids(heap.body))),
     )
     return heap.body.within, heap.rest, budget
 

@@ -84,14 +84,19 @@ class BodySurface:
         """Elevation of the highest point."""
         return float(self.top.max())
 
+    def normals(self) -> FloatArray:
+        """(K, 3) normals of the triangles, outwards, twice as long as their areas."""
+        low, middle, high = (self.corners[:, i] for i in range(3))
+        return np.asarray(self.sign[:, None] * np.cross(middle - low, high - low))
+
     def volume(self) -> float:
         """Return the enclosed volume, cubic metres."""
         return float(self.volume_below(np.array([self.highest]))[0])
 
     def area(self) -> float:
         """Return the area of the surface, water included, square metres."""
-        low, middle, high = (self.corners[:, i] for i in range(3))
-        area = 0.5 * np.linalg.norm(np.cross(middle - low, high - low), axis=1)
+        area = 0.5 * np.linalg.norm(self.normals(), axis=1)
+        low, high = self.corners[:, 0], self.corners[:, 2]
         height = high[:, 2] - low[:, 2]
         cut = (self.top - self.bottom) / np.where(height > 0.0, height, 1.0)
         # The body is smaller just above water than just below it, by the water's own area.

@@ -42,6 +42,8 @@ class Tetrahedra:
     ----------
     points : (N, 3) float64
         Metres, relative to an origin near them.
+    moved : (N, 3) float64
+        How far they were moved from where they are in the cloud, metres.
     spacing : (N,) float64
         Distance of each point to its sixth neighbour, metres.
     corners : (M, 4) int64
@@ -60,6 +62,7 @@ class Tetrahedra:
     """
 
     points: FloatArray
+    moved: FloatArray
     spacing: FloatArray
     corners: IntArray
     volume: FloatArray
@@ -134,7 +137,8 @@ def tetrahedralize(points: FloatArray) -> Tetrahedra:
     _refuse_flat(points)
     spacing = spacings(points)
     rng = np.random.default_rng(0)
-    points = points + rng.uniform(-_JOGGLE, _JOGGLE, points.shape) * spacing[:, None]
+    moved = rng.uniform(-_JOGGLE, _JOGGLE, points.shape) * spacing[:, None]
+    points = points + moved
     delaunay = Delaunay(points)
     corners = delaunay.simplices.astype(np.int64)
     a, b, c, d = (points[corners[:, i]] for i in range(4))
@@ -142,6 +146,7 @@ def tetrahedralize(points: FloatArray) -> Tetrahedra:
     first, second, faces, area = _faces(points, corners, delaunay.neighbors.astype(np.int64))
     return Tetrahedra(
         points=points,
+        moved=moved,
         spacing=spacing,
         corners=corners,
         volume=np.append(volume, 0.0),

@@ -1,0 +1,77 @@
+"""How a surface goes on over openings that were closed flat, and how little is known of that.
+
+Where it is smooth it goes on as its normals at the rim tell, by as much as over any triangle
+(facets.py). They are means over what is near the rim, of many triangles, since noise turns those of
+single ones. Of an opening of a sphere or an ellipsoid that is all; what turns sharply within an
+opening, such as an edge, leaves the lid at a steep angle on one side of it and adds more.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Tuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ...types import FloatArray
+from .enclose import Enclosed
+from .facets import bend, is_among
+
+__all__ = ["beyond_lids"]
+
+#: Normals at the rim are means of triangles within this share of the lid's width, of this many at
+#: most. The middle of half a disc lies 4 / (3 pi) of its radius behind its straight side, so that
+#: they tell of a way that is longer than the lid is wide, at both ends.
+_NEAR = 1.0 / 8.0
+_TRIANGLES = 64
+_LONGER = 1.0 + 2.0 * 4.0 / (3.0 * math.pi) * _NEAR
+
+#: What edges within openings add, and its standard deviation, as shares of area times width times
+#: the square of the sine of the angle between lid and surface; and the standard deviation from
+#: noise, as a share of area, width, and thickness of the skin by spacing. Most likely for openings
+#: of unions and of smooth bodies (docs/method.md), rounded.
+_OF_EDGES = 0.10
+_OF_EDGES_STD = 0.12
+_OF_NOISE = 0.20
+
+
+def beyond_lids(body: Enclosed) -> Tuple[float, float]:
+    """Return the volume beyond the lids of a body's openings and its standard deviation, m3."""
+    surface = body.surface
+    lid = is_among(surface.corners, body.patches)
+    if not lid.any() or lid.all():
+        return 0.0, 0.0
+    corners, doubled = surface.corners[lid], surface.normals()
+    width = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(axis=1)
+    at_rim = _near(surface.corners[~lid], doubled[~lid], corners, _NEAR * width)
+    length = np.linalg.norm(doubled, axis=1)
+    area, own = (
+        0.5 * length[lid],
+        doubled[lid] / np.maximum(length[lid], np.finfo(float).tiny)[:, None],
+    )
+    cosine = np.clip((at_rim * own[:, None]).sum(axis=2).mean(axis=1), -1.0, 1.0)
+    smooth = float((area * bend(corners, at_rim)).sum()) / _LONGER
+    steep = float((area * width * (1.0 - cosine**2)).sum())
+    thickness = body.skin / (0.5 * float(length[~lid].sum()))
+    noise = min(1.0, thickness / body.spacing) * float((area * width).sum())
+    return smooth + _OF_EDGES * steep, math.hypot(_OF_EDGES_STD * steep, _OF_NOISE * noise)
+
+
+def _near(
+    corners: FloatArray, doubled: FloatArray, places: FloatArray, reach: FloatArray
+) -> FloatArray:
+    """(L, 3, 3) unit normals of a surface at the corners of lids.
+
+    Parameters
+    ----------
+    corners, doubled : (K, 3, 3) and (K, 3), the surface's triangles and normals twice their areas.
+    places, reach : (L, 3, 3) and (L,) corners of lids, and how far triangles count, metres.
+    """
+    count = min(_TRIANGLES, len(corners))
+    tree = cKDTree(corners.mean(axis=1))
+    away, which = (some.reshape(-1, count) for some in tree.query(places.reshape(-1, 3), count))
+    counts = away <= np.maximum(np.repeat(reach, 3), away[:, 0])[:, None]
+    sums = np.einsum("nk,nki->ni", counts.astype(np.float64), doubled[which])
+    length = np.linalg.norm(sums, axis=1, keepdims=True)
+    return np.asarray(sums / np.maximum(length, np.finfo(float).tiny)).reshape(-1, 3, 3)
