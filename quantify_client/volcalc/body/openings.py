@@ -2,8 +2,8 @@
 
 Where it is smooth it goes on as its normals at the rim tell, by as much as over any triangle
 (facets.py). They are means over what is near the rim, of many triangles, since noise turns those of
-single ones. Of an opening of a sphere or an ellipsoid that is all; what turns sharply within an
-opening, such as an edge, leaves the lid at a steep angle on one side of it and adds more.
+single ones. Of an opening of a sphere or an ellipsoid that is all. Where an edge lies within an
+opening the surface leaves lids at a steep angle at all of their corners, and goes on farther.
 """
 
 from __future__ import annotations
@@ -28,12 +28,13 @@ _TRIANGLES = 64
 _LONGER = 1.0 + 2.0 * 4.0 / (3.0 * math.pi) * _NEAR
 
 #: What edges within openings add, and its standard deviation, as shares of area times width times
-#: the square of the sine of the angle between lid and surface; and the standard deviation from
-#: noise, as a share of area, width, and thickness of the skin by spacing. Most likely for openings
-#: of unions and of smooth bodies (docs/method.md), rounded.
-_OF_EDGES = 0.10
-_OF_EDGES_STD = 0.12
-_OF_NOISE = 0.20
+#: the square of the sine of the angle between lid and surface, where that is least; and the
+#: standard deviation from noise, as a share of area, width, and thickness of the skin by spacing.
+#: Most likely for benchmarks/openings.py and samplings.py (lines) are 0.13, 0.14 and 0.21; few are
+#: wrong by much more (docs/method.md).
+_OF_EDGES = 0.12
+_OF_EDGES_STD = 0.18
+_OF_NOISE = 0.25
 
 
 def beyond_lids(body: Enclosed) -> Tuple[float, float]:
@@ -50,7 +51,7 @@ def beyond_lids(body: Enclosed) -> Tuple[float, float]:
         0.5 * length[lid],
         doubled[lid] / np.maximum(length[lid], np.finfo(float).tiny)[:, None],
     )
-    cosine = np.clip((at_rim * own[:, None]).sum(axis=2).mean(axis=1), -1.0, 1.0)
+    cosine = np.clip((at_rim * own[:, None]).sum(axis=2).max(axis=1), -1.0, 1.0)
     smooth = float((area * bend(corners, at_rim)).sum()) / _LONGER
     steep = float((area * width * (1.0 - cosine**2)).sum())
     thickness = body.skin / (0.5 * float(length[~lid].sum()))
