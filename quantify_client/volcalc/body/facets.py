@@ -29,7 +29,7 @@ import numpy.typing as npt
 from ...types import FloatArray, IntArray
 from .sections import BodySurface
 
-__all__ = ["Facets", "bend", "facets_of", "is_among"]
+__all__ = ["Facets", "bend", "facets_of", "is_among", "unit"]
 
 #: A side lies along an edge where it turns by more than this many times what the surface does at
 #: the corners opposite, and by more than this (radians): less is curvature.
@@ -131,8 +131,13 @@ def _at_corners(
         weight = doubled / np.maximum(product, np.finfo(float).tiny)
         for axis in range(3):
             sums[:, axis] += np.bincount(number[:, corner], weight * normals[:, axis], len(sums))
-    length = np.linalg.norm(sums, axis=1)
-    return np.asarray(sums / np.maximum(length, np.finfo(float).tiny)[:, None])
+    return unit(sums)
+
+
+def unit(vectors: FloatArray) -> FloatArray:
+    """(K, 3) vectors of length 1, or 0 where there is no direction."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.asarray(vectors / np.maximum(length, np.finfo(float).tiny))
 
 
 def _turns(corners: FloatArray, number: IntArray, normals: FloatArray) -> tuple[float, float]:

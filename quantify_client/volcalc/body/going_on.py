@@ -18,6 +18,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from ...types import FloatArray, IntArray
+from .facets import unit
 
 __all__ = ["going_on", "one_each"]
 
@@ -64,18 +65,18 @@ def going_on(
     if len(on) < _AGREE:
         return np.empty((0, 3))
     near = cKDTree(points[on]).query(points[on], _AGREE)[1]
-    normal = _unit(normals[on][near].mean(axis=1))
+    normal = unit(normals[on][near].mean(axis=1))
     ahead = ahead[near].mean(axis=1)
     ahead -= (ahead * normal).sum(axis=1)[:, None] * normal
     kept = np.linalg.norm(ahead, axis=1) > 0.3
-    on, normal, ahead = on[kept], normal[kept], _unit(ahead[kept])
+    on, normal, ahead = on[kept], normal[kept], unit(ahead[kept])
     if len(on) < _AGREE:
         return np.empty((0, 3))
     slope, curvature = _fitted(points, normals, on, normal, ahead)
     near = cKDTree(points[on]).query(points[on], _AGREE)[1]
     slope, curvature = np.median(slope[near], axis=1), np.median(curvature[near], axis=1)
-    ahead = _unit(ahead + slope[:, None] * normal)
-    normal = _unit(normal - (normal * ahead).sum(axis=1)[:, None] * ahead)
+    ahead = unit(ahead + slope[:, None] * normal)
+    normal = unit(normal - (normal * ahead).sum(axis=1)[:, None] * ahead)
     floor = float(ends[0, 2]) if len(ends) else -np.inf
     tree = cKDTree(np.vstack([points, ends]))
     place, turn, found = points[on], curved * curvature * spacing, []
@@ -94,15 +95,10 @@ def going_on(
     return one_each(np.vstack(found), _APART * spacing) if found else np.empty((0, 3))
 
 
-def _unit(vectors: FloatArray) -> FloatArray:
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.asarray(vectors / np.maximum(length, np.finfo(float).tiny))
-
-
 def _boundary(points: FloatArray, normals: FloatArray) -> Tuple[IntArray, FloatArray]:
     """Return the points on the boundary (B,) and the ways ahead (B, 3), unit vectors."""
     near = cKDTree(points).query(points, min(_NEIGHBOURS + 1, len(points)))[1][:, 1:]
-    first = _unit(np.cross(normals, [0.3, 0.5, 0.81]))
+    first = unit(np.cross(normals, [0.3, 0.5, 0.81]))
     second = np.cross(normals, first)
     away = points[near] - points[:, None]
     x, y, height = (np.einsum("nki,ni->nk", away, axis) for axis in (first, second, normals))

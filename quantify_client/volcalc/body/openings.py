@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from ...types import FloatArray
 from .enclose import Enclosed
-from .facets import bend, is_among
+from .facets import bend, is_among, unit
 
 __all__ = ["beyond_lids"]
 
@@ -26,6 +26,8 @@ __all__ = ["beyond_lids"]
 _NEAR = 1.0 / 8.0
 _TRIANGLES = 64
 _LONGER = 1.0 + 2.0 * 4.0 / (3.0 * math.pi) * _NEAR
+
+_BLOCK = 4096  # lids at a time, for their triangles take memory
 
 #: What edges within openings add, and its standard deviation, as shares of area times width times
 #: the square of the sine of the angle between lid and surface, where that is least; and the
@@ -46,16 +48,14 @@ def beyond_lids(body: Enclosed) -> Tuple[float, float]:
     corners, doubled = surface.corners[lid], surface.normals()
     width = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(axis=1)
     at_rim = _near(surface.corners[~lid], doubled[~lid], corners, _NEAR * width)
-    length = np.linalg.norm(doubled, axis=1)
-    area, own = (
-        0.5 * length[lid],
-        doubled[lid] / np.maximum(length[lid], np.finfo(float).tiny)[:, None],
-    )
-    cosine = np.clip((at_rim * own[:, None]).sum(axis=2).max(axis=1), -1.0, 1.0)
-    smooth = float((area * bend(corners, at_rim)).sum()) / _LONGER
-    steep = float((area * width * (1.0 - cosine**2)).sum())
-    thickness = body.skin / (0.5 * float(length[~lid].sum()))
-    noise = min(1.0, thickness / body.spacing) * float((area * width).sum())
+    area = 0.5 * np.linalg.norm(doubled, axis=1)
+    lids = area[lid]
+    angles = (at_rim * unit(doubled[lid])[:, None]).sum(axis=2)
+    cosine = np.clip(angles.max(axis=1), -1.0, 1.0)
+    smooth = float((lids * bend(corners, at_rim)).sum()) / _LONGER
+    steep = float((lids * width * (1.0 - cosine**2)).sum())
+    thickness = body.skin / float(area[~lid].sum())
+    noise = min(1.0, thickness / body.spacing) * float((lids * width).sum())
     return smooth + _OF_EDGES * steep, math.hypot(_OF_EDGES_STD * steep, _OF_NOISE * noise)
 
 
@@ -67,12 +67,13 @@ def _near(
     Parameters
     ----------
     corners, doubled : (K, 3, 3) and (K, 3), the surface's triangles and normals twice their areas.
-    places, reach : (L, 3, 3) and (L,) corners of lids, and how far triangles count, metres.
+    places, reach : (L, 3, 3) and (L,), corners of lids, and how far away triangles count, metres.
     """
     count = min(_TRIANGLES, len(corners))
-    tree = cKDTree(corners.mean(axis=1))
-    away, which = (some.reshape(-1, count) for some in tree.query(places.reshape(-1, 3), count))
-    counts = away <= np.maximum(np.repeat(reach, 3), away[:, 0])[:, None]
-    sums = np.einsum("nk,nki->ni", counts.astype(np.float64), doubled[which])
-    length = np.linalg.norm(sums, axis=1, keepdims=True)
-    return np.asarray(sums / np.maximum(length, np.finfo(float).tiny)).reshape(-1, 3, 3)
+    tree, found = cKDTree(corners.mean(axis=1)), []
+    for some in np.array_split(np.arange(len(places)), math.ceil(len(places) / _BLOCK)):
+        away, which = tree.query(places[some].reshape(-1, 3), count)
+        away, which = away.reshape(-1, count), which.reshape(-1, count)
+        counts = away <= np.maximum(np.repeat(reach[some], 3), away[:, 0])[:, None]
+        found.append(np.einsum("nk,nki->ni", counts.astype(np.float64), doubled[which]))
+    return unit(np.concatenate(found)).reshape(-1, 3, 3)
