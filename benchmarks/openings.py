@@ -73,10 +73,17 @@ def smooth_body(seed: int) -> Body:
     return Body(f"smooth {seed}", volume, float(some.mean() * 4.0 * np.pi), surface)
 
 
-KINDS: Dict[str, Callable[[int], Tuple[Body, float]]] = {
-    "unions": lambda seed: (random_body(seed), union_volume(random_body(seed))),
-    "smooth": lambda seed: (smooth_body(seed), smooth_body(seed).volume),
-}
+def union(seed: int) -> Tuple[Body, float]:
+    body = random_body(seed)
+    return body, union_volume(body)
+
+
+def smooth(seed: int) -> Tuple[Body, float]:
+    body = smooth_body(seed)
+    return body, body.volume
+
+
+KINDS: Dict[str, Callable[[int], Tuple[Body, float]]] = {"unions": union, "smooth": smooth}
 
 
 def main() -> None:
