@@ -28,7 +28,7 @@ from quantify_client.errors import QuantifyError
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from scans import OFFSET, apart, volume_of
-from solids import Body, Part, random_body
+from solids import Body, Part, even_vectors, random_body
 
 FIRST_SEED = 9300
 SIZES = (5_000, 20_000, 100_000, 1_000_000)
@@ -99,11 +99,7 @@ def regular(part: Part, step: float, ends: bool) -> np.ndarray:
     """Return the points of a part on grids, rings and golden spirals, in its own half extents."""
     a, b, c = part.half
     if part.kind == "ball":
-        count = max(12, round(4 * math.pi * a**2 / step**2))
-        number = np.arange(count) + 0.5
-        z, turn = 1 - 2 * number / count, math.pi * (1 + math.sqrt(5)) * number
-        flat = np.sqrt(1 - z**2)
-        return np.column_stack([flat * np.cos(turn), flat * np.sin(turn), z])
+        return even_vectors(max(12, round(4 * math.pi * a**2 / step**2)))
     if part.kind == "cylinder":
         rings = [(1.0, z) for z in spread(2 * c, step, ends)]
         inner = spread(2 * a, step, ends)

@@ -147,6 +147,14 @@ def unit_vectors(count: int, rng: np.random.Generator) -> np.ndarray:
     return np.asarray(vectors / np.linalg.norm(vectors, axis=1)[:, None])
 
 
+def even_vectors(count: int) -> np.ndarray:
+    """(count, 3) unit vectors on a golden spiral: as far from each other as anywhere else."""
+    number = np.arange(count) + 0.5
+    z, turn = 1 - 2 * number / count, math.pi * (1 + math.sqrt(5)) * number
+    flat = np.sqrt(1 - z**2)
+    return np.column_stack([flat * np.cos(turn), flat * np.sin(turn), z])
+
+
 def box_part(low: Sequence[float], high: Sequence[float]) -> Part:
     low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
     return Part("box", (high - low) / 2, np.eye(3), (low + high) / 2)

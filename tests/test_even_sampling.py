@@ -10,6 +10,7 @@ import pytest
 from scans import apart, volume_of
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
+from solids import even_vectors
 
 from quantify_client.volcalc.body import estimate
 from quantify_client.volcalc.body.facets import facets_of
@@ -81,11 +82,7 @@ def test_least_distance(form):
 
 @pytest.mark.parametrize("count", [2_000, 10_000])
 def test_a_ball_of_golden_spirals(count):
-    number = np.arange(count) + 0.5
-    height, turn = 1.0 - 2.0 * number / count, math.pi * (1.0 + math.sqrt(5.0)) * number
-    flat = np.sqrt(1.0 - height**2)
-    points = np.column_stack([flat * np.cos(turn), flat * np.sin(turn), height])
-    holds(points, BALL, np.random.default_rng(1), 0.001)
+    holds(even_vectors(count), BALL, np.random.default_rng(1), 0.001)
 
 
 @pytest.mark.parametrize("steps", [20, 50])

@@ -5,18 +5,10 @@ import math
 import numpy as np
 import pytest
 from scans import OFFSET, Flaws, scan, volume_of
-from solids import BODIES, BUNNY, NO_BUNNY, cube
+from solids import BODIES, BUNNY, NO_BUNNY, cube, even_vectors
 
 from quantify_client.volcalc.body.enclose import enclose
 from quantify_client.volcalc.body.openings import beyond_lids
-
-
-def golden_ball(count, radius=1.0):
-    """Points on a ball that are nowhere nearer to each other than elsewhere."""
-    number = np.arange(count) + 0.5
-    z, turn = 1 - 2 * number / count, math.pi * (1 + math.sqrt(5)) * number
-    flat = np.sqrt(1 - z**2)
-    return radius * np.column_stack([flat * np.cos(turn), flat * np.sin(turn), z])
 
 
 def beyond(points):
@@ -27,7 +19,7 @@ def beyond(points):
 @pytest.mark.parametrize("degrees", [10.0, 20.0, 30.0])
 def test_a_cap_that_is_missing_from_a_ball_is_what_was_cut_off(degrees):
     """Of height h = R (1 - cos a) and volume pi h^2 (3 R - h) / 3."""
-    points = golden_ball(20_000)
+    points = even_vectors(20_000)
     volume, std = beyond(points[points[:, 2] < math.cos(math.radians(degrees))])
     height = 1.0 - math.cos(math.radians(degrees))
     cap = math.pi * height**2 * (3.0 - height) / 3.0
@@ -42,7 +34,7 @@ def test_a_dent_is_as_deep_as_a_cap_is_high():
     top = points[:, 2] > points[:, 2].max() - 1e-9
     middle = np.array([*points.mean(axis=0)[:2], points[:, 2].max()])
     points = points[~top | (np.linalg.norm(points - middle, axis=1) > 0.3)]
-    dent = 0.3 * golden_ball(20_000)
+    dent = 0.3 * even_vectors(20_000)
     seen = (dent[:, 2] < 0.0) & (dent[:, 2] > -0.3 * math.cos(math.radians(20.0)))
     volume, std = beyond(np.vstack([points, dent[seen] + middle]))
     height = 0.3 * (1.0 - math.cos(math.radians(20.0)))
@@ -61,7 +53,7 @@ def test_a_flat_face_goes_on_flat():
 
 
 def test_without_openings_there_is_nothing_beyond():
-    assert beyond(golden_ball(2_000)) == (0.0, 0.0)
+    assert beyond(even_vectors(2_000)) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.003])
@@ -86,5 +78,5 @@ def test_what_nobody_saw_is_in_the_interval(name, width, noise):
 def test_points_moved_for_the_triangulation_make_no_volume():
     """4 / 3 pi r^3; with what they made it was 6e-6 and 1.4e-5 off."""
     for count in (5_000, 20_000):
-        result = volume_of(golden_ball(count, 0.5) + OFFSET)
+        result = volume_of(0.5 * even_vectors(count) + OFFSET)
         assert result.volume_m3 == pytest.approx(4.0 / 3.0 * math.pi * 0.125, rel=1e-6)

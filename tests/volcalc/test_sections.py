@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from solids import even_vectors
 
 from quantify_client.volcalc.body import sections, tetrahedra
 from quantify_client.volcalc.body.sections import surface_of
@@ -40,11 +41,7 @@ def cube(monkeypatch):
 @cache
 def ball(upto=np.inf):
     """6,000 points evenly on a sphere of diameter 1; the body ends at an elevation."""
-    k = np.arange(6000) + 0.5
-    z, angle = 1 - 2 * k / len(k), np.pi * (1 + np.sqrt(5)) * k
-    away = np.sqrt(1 - z**2)
-    points = 0.5 * np.column_stack([away * np.cos(angle), away * np.sin(angle), z])
-    space = tetrahedralize(points + UP)
+    space = tetrahedralize(0.5 * even_vectors(6000) + UP)
     return surface_of(space, np.minimum(everything(space), upto))
 
 
