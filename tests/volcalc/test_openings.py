@@ -27,6 +27,7 @@ def test_a_cap_that_is_missing_from_a_ball_is_what_was_cut_off(degrees):
     assert 0.1 * cap < std < 0.7 * cap
 
 
+@pytest.mark.one_python
 def test_a_dent_is_as_deep_as_a_cap_is_high():
     """A ball pressed into a block: nobody saw its lowest 20 degrees."""
     rng = np.random.default_rng(1)
@@ -56,6 +57,7 @@ def test_without_openings_there_is_nothing_beyond():
     assert beyond(even_vectors(2_000)) == (0.0, 0.0)
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("noise", [0.0, 0.003])
 @pytest.mark.parametrize("width", [0.15, 0.25])
 @pytest.mark.parametrize(
@@ -75,6 +77,7 @@ def test_what_nobody_saw_is_in_the_interval(name, width, noise):
     assert result.std_m3 < 0.03 * body.volume
 
 
+@pytest.mark.one_python
 def test_points_moved_for_the_triangulation_make_no_volume():
     """4 / 3 pi r^3; with what they made it was 6e-6 and 1.4e-5 off."""
     for count in (5_000, 20_000):

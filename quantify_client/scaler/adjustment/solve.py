@@ -27,8 +27,9 @@ _POWER = 0.8
 #: Below this redundancy nothing controls an observation, and its residual tells nothing.
 _UNCONTROLLED = 1e-4
 
-#: The cost is least when a step gains less than this share of it, or nothing that numbers can tell.
-_COARSE, _EXACT = 1e-6, 1e-14
+#: The cost is least when a step gains less than this share of it. (With 1e-14, which rounding hides,
+#: half of all evaluations came after the last step that gained anything.) One more step follows.
+_COARSE, _EXACT = 1e-6, 1e-10
 
 
 @dataclass(frozen=True)

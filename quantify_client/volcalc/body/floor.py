@@ -13,7 +13,7 @@ from scipy.spatial import ConvexHull, Delaunay, QhullError
 from ...errors import InputError
 from ...types import FloatArray, Floor, IntArray
 from .plane import FloorPlane, Pose, clear_of_body, find_plane, is_ground, on_ground
-from .spacing import is_outlier, spacings
+from .spacing import is_far, is_outlier, spacings
 
 __all__ = ["Standing", "lid", "on_lowest_points", "stand"]
 
@@ -128,14 +128,16 @@ def stand(points: FloatArray, counts: IntArray, floor: Union[str, float]) -> Sta
     InputError
         For ``"plane"`` where there is none, and for a floor with nothing above it.
     """
-    clean = ~is_outlier(points)
+    apart = spacings(points)
+    clean = ~is_far(apart)
     without_floor = Standing.of(points, counts, clean, np.zeros(len(points), dtype=bool))
-    plane, found = _plane(points[clean], counts[clean], floor)
+    spacing = float(np.median(apart[clean]))
+    plane, found = _plane(points[clean], counts[clean], floor, spacing)
     if plane is None:
         return without_floor
     pose = Pose.on(plane, points)
     turned = pose.apply(points)
-    ground = on_ground(turned, counts, plane.reach, float(np.median(spacings(points[clean]))))
+    ground = on_ground(turned, counts, plane.reach, spacing)
     body = ~ground & clean
     if np.count_nonzero(body) < _FEWEST:
         if floor == "auto":
@@ -163,12 +165,11 @@ def on_lowest_points(standing: Standing) -> Standing:
 
 
 def _plane(
-    points: FloatArray, counts: IntArray, floor: Union[str, float]
+    points: FloatArray, counts: IntArray, floor: Union[str, float], spacing: float
 ) -> Tuple[Optional[FloorPlane], str]:
     """Return the floor's plane and how it was found."""
     if floor == "none" or len(points) < _FEWEST:
         return None, ""
-    spacing = float(np.median(spacings(points)))
     if not isinstance(floor, str):
         return FloorPlane(np.array([0.0, 0.0, 1.0]), float(floor), _GIVEN_REACH * spacing), "given"
     auto = floor == "auto"

@@ -123,13 +123,19 @@ class BodySurface:
 
     def areas(self, levels: FloatArray) -> FloatArray:
         """(L,) square metres of the section at each level; levels ascend."""
-        areas = np.zeros(len(levels))
-        for part in self._blocks():
-            triangle, level = part._cuts(levels)
-            here, there = part._chords(triangle, levels[level])
-            shoelace = 0.5 * (here[:, 0] + there[:, 0]) * (there[:, 1] - here[:, 1])
-            np.add.at(areas, level, part.sign[triangle] * shoelace)
-        return areas
+        return np.asarray(np.sum([part._areas(levels) for part in self._blocks()], axis=0))
+
+    def _areas(self, levels: FloatArray) -> FloatArray:
+        triangle, level = self._cuts(levels)
+        begins = np.diff(triangle, prepend=-1) > 0  # each triangle's levels follow one another
+        own, which = triangle[begins], np.cumsum(begins) - 1
+        low, middle, high = (self.corners[own, i] for i in range(3))
+        halves = np.stack([_half(low, middle, high), _half(high, middle, low)])
+        above = (middle[which, 2] <= levels[level]).astype(np.int64)
+        wide, lean, x, z = halves[above, which].T
+        height = levels[level] - z
+        share = self.sign[triangle] * wide * height * (x + lean * height)
+        return np.bincount(level, share, len(levels))
 
     def _blocks(self) -> Iterator[BodySurface]:
         """Yield some triangles at a time: areas and volumes of all are the sums of theirs."""
@@ -145,10 +151,20 @@ class BodySurface:
 
     def outlines(self, level: float) -> List[FloatArray]:
         """Return the closed outlines of a section: (K, 2) each, x and y, the body to the left."""
-        triangle = self._cuts(np.array([level]))[0]
-        here, there = self._chords(triangle, np.full(len(triangle), level))
+        return self._outlines(np.array([level]))[0]
+
+    def outlines_between(self, edges: FloatArray) -> Tuple[Tuple[FloatArray, ...], ...]:
+        """Return the outlines of the section in the middle of each slice."""
+        return tuple(tuple(some) for some in self._outlines(0.5 * (edges[1:] + edges[:-1])))
+
+    def _outlines(self, levels: FloatArray) -> List[List[FloatArray]]:
+        """Return the outlines at each level; levels ascend."""
+        triangle, level = self._cuts(levels)
+        order = np.argsort(level, kind="stable")
+        triangle, level = triangle[order], level[order]
+        here, there = self._chords(triangle, levels[level])
         low, middle, high = self.number[triangle].T
-        upper = self.corners[triangle, 1, 2] <= level
+        upper = self.corners[triangle, 1, 2] <= levels[level]
         # A chord ends on two edges; an edge is known by its two points.
         count = int(self.number.max()) + 1 if len(self.number) else 1
         long_edge = np.minimum(low, high) * count + np.maximum(low, high)
@@ -157,21 +173,23 @@ class BodySurface:
         forward = self.sign[triangle] > 0
         begin = np.where(forward, long_edge, short_edge)
         end = np.where(forward, short_edge, long_edge)
-        return _rings(begin, end, np.where(forward[:, None], here, there))
-
-    def outlines_between(self, edges: FloatArray) -> Tuple[Tuple[FloatArray, ...], ...]:
-        """Return the outlines of the section in the middle of each slice."""
-        middles = 0.5 * (edges[1:] + edges[:-1])
-        return tuple(tuple(self.outlines(level)) for level in middles.tolist())
+        start = np.where(forward[:, None], here, there)
+        ends = np.searchsorted(level, np.arange(1, len(levels)))
+        return [
+            _rings(*some) for some in zip(*(np.split(each, ends) for each in (begin, end, start)))
+        ]
 
     def box_sums(self, counts: Sequence[int]) -> Tuple[Tuple[int, float], ...]:
         """Return numbers of slices, and the volume when each counts as a box of its section."""
-        rows = []
-        for count in counts:
-            some = np.linspace(self.lowest, self.highest, count + 1)
-            boxes = self.areas(0.5 * (some[1:] + some[:-1])) * np.diff(some)
-            rows.append((count, float(boxes.sum())))
-        return tuple(rows)
+        ends = self.lowest, self.highest
+        edges = [np.linspace(*ends, count + 1) for count in counts]
+        middles = np.concatenate([0.5 * (some[1:] + some[:-1]) for some in edges])
+        areas = np.empty(len(middles))
+        order = np.argsort(middles)
+        areas[order] = self.areas(middles[order])
+        boxes = areas * np.concatenate([np.diff(some) for some in edges])
+        sums = np.add.reduceat(boxes, np.cumsum([0, *counts[:-1]])).tolist()
+        return tuple(zip(counts, sums))
 
     def _cuts(self, levels: FloatArray) -> Tuple[IntArray, IntArray]:
         """Return each pair of a triangle and a level that cuts it."""
@@ -227,29 +245,35 @@ def _wedge(tip: FloatArray, middle: FloatArray, end: FloatArray, height: FloatAr
 
     ``height`` counts from the tip, negative downwards, and ends at the middle corner at most.
     """
+    wide, lean, x, _ = _half(tip, middle, end).T
+    return np.asarray(wide * height**2 * (0.5 * x + lean * height / 3.0))
+
+
+def _half(tip: FloatArray, middle: FloatArray, end: FloatArray) -> FloatArray:
+    """(C, 4) of triangles between tip and middle corner: wide, lean, and x and z of the tip.
+
+    A chord h above the tip is wide h long in y, its middle lean h from the tip in x.
+    """
     to_middle, to_end = middle - tip, end - tip
     flat = to_middle[:, 2] == 0.0
-    rise_middle = np.where(flat, 1.0, to_middle[:, 2])
-    rise_end = np.where(flat, 1.0, to_end[:, 2])
-    near, far = to_middle / rise_middle[:, None], to_end / rise_end[:, None]
-    wide = near[:, 1] - far[:, 1]
-    lean = 0.5 * (near[:, 0] + far[:, 0])
-    integral = wide * height**2 * (0.5 * tip[:, 0] + lean * height / 3.0)
-    return np.where(flat, 0.0, integral)
+    near = to_middle / np.where(flat, 1.0, to_middle[:, 2])[:, None]
+    far = to_end / np.where(flat, 1.0, to_end[:, 2])[:, None]
+    wide = np.where(flat, 0.0, near[:, 1] - far[:, 1])
+    return np.column_stack([wide, 0.5 * (near[:, 0] + far[:, 0]), tip[:, 0], tip[:, 2]])
 
 
 def _rings(begin: IntArray, end: IntArray, start: FloatArray) -> List[FloatArray]:
     """Return closed ways along chords: each goes on where one begins that the last one ended."""
     # Where bodies touch, several chords begin on one edge, and as many end there.
-    following = np.empty_like(begin)
-    following[np.argsort(end, kind="stable")] = np.argsort(begin, kind="stable")
-    unused, rings = set(range(len(begin))), []
+    after = np.empty_like(begin)
+    after[np.argsort(end, kind="stable")] = np.argsort(begin, kind="stable")
+    following, unused, rings = after.tolist(), [True] * len(begin), []
     for chord in range(len(begin)):
         ring = []
-        while chord in unused:
-            unused.remove(chord)
+        while unused[chord]:
+            unused[chord] = False
             ring.append(chord)
-            chord = int(following[chord])
+            chord = following[chord]
         if len(ring) >= 3:
             rings.append(start[ring])
     return rings

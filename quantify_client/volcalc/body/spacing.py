@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from ...types import FloatArray
 
-__all__ = ["is_outlier", "nearness", "spacings"]
+__all__ = ["is_far", "is_outlier", "nearness", "spacings"]
 
 #: Far enough that two points by chance together do not matter, near enough to be local.
 _NEIGHBOUR = 6
@@ -55,7 +55,11 @@ def is_outlier(points: FloatArray) -> npt.NDArray[np.bool_]:
     ----------
     points : (N, 3) float64, metres; repeated points count once each.
     """
-    if len(points) <= _NEIGHBOUR:
-        return np.zeros(len(points), dtype=bool)
-    away = spacings(points)
-    return away > _FAR * np.quantile(away, _MOST)
+    return is_far(spacings(points))
+
+
+def is_far(away: FloatArray) -> npt.NDArray[np.bool_]:
+    """(N,) the same from the points' spacings."""
+    if len(away) <= _NEIGHBOUR:
+        return np.zeros(len(away), dtype=bool)
+    return np.asarray(away > _FAR * np.quantile(away, _MOST))
