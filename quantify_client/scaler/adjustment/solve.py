@@ -27,7 +27,7 @@ _POWER = 0.8
 #: Below this redundancy nothing controls an observation, and its residual tells nothing.
 _UNCONTROLLED = 1e-4
 
-#: The cost is least when a step gains less than this share of it. (With 1e-14, which rounding hides,
+#: The cost is least when a step gains less than this share of it. (With 1e-14, lost in rounding,
 #: half of all evaluations came after the last step that gained anything.) One more step follows.
 _COARSE, _EXACT = 1e-6, 1e-10
 
