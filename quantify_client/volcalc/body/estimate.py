@@ -60,8 +60,9 @@ _MOST_NOISE = 8.0
 _FACETS_OF_MIDDLE = 0.75
 
 #: Points are evenly spaced where the ratio of the triangles is this many times that of points at
-#: random: of points thinned by voxels or to a least distance, and less only with noise.
-_EVEN = 1.55
+#: random, by how many points were left out: of points thinned by voxels or to a least distance, and
+#: less only with noise.
+_EVEN = {2: 1.44, 3: 1.55}
 
 #: Nearest by second nearest distance, on average: of means of voxels no more than the first, of
 #: points thinned to a least distance at least the second (2/3 at random, 1 on a grid).
@@ -230,21 +231,26 @@ class _Pattern:
         above: float,
         points: FloatArray,
     ) -> _Pattern:
-        """Return the pattern of all points, from their triangles and from those of some."""
+        """Return the pattern of all points, from their triangles and from those of some.
+
+        Where some are too few to find the body, how near the nearest points are tells of it.
+        """
+        ratios = nearness(points)
+        of_voxels = _of_voxels(ratios[0])
+        short = max(at_random - own for at_random, own in zip(_RATIOS_AT_RANDOM, ratios)) / _SHORT
         if again is None:
-            return cls(math.inf, 0.0, _MOST_NEITHER, 0.0)
+            even = _even(ratios[0]) * (1.0 - min(1.0, max(0.0, short)))
+            return cls(math.inf, even, _MOST_NEITHER, of_voxels)
         ratio = facets_of(again.surface, again.patches, above).coarseness / found.coarseness
-        even = min(1.0, (ratio / every - 1.0) / (_EVEN - 1.0))
+        even = min(1.0, (ratio / every - 1.0) / (_EVEN[every] - 1.0))
         chance = _CHANCE / math.sqrt(max(1, len(points)))
         beyond = max(0.0, abs(even + chance) - 2.0 * chance)
-        ratios = nearness(points)
-        short = max(at_random - own for at_random, own in zip(_RATIOS_AT_RANDOM, ratios))
-        neither = max(beyond * (1.0 - even) ** 2, _MOST_NEITHER * short / _SHORT)
+        neither = max(beyond * (1.0 - even) ** 2, _MOST_NEITHER * short)
         return cls(
             ratio=max(float(every), ratio),
             even=max(0.0, even),
             neither=min(_MOST_NEITHER, neither),
-            of_voxels=_of_voxels(ratios[0]),
+            of_voxels=of_voxels,
         )
 
     @property
@@ -264,7 +270,7 @@ def _noise(
     """Return what noise moved the surface inwards by, m3."""
     bulge = 0.5 * (body.outer - body.inner)
     if again is None:
-        of_middle = _FACETS_OF_MIDDLE * max(0.0, kept)
+        of_middle = (1.0 - pattern.even) * _FACETS_OF_MIDDLE * max(0.0, kept)
     else:
         less = bulge - 0.5 * (again.outer - again.inner)
         of_middle = (1.0 - pattern.even) * less / (pattern.ratio - 1.0)
@@ -287,14 +293,18 @@ def _of_voxels(nearest: float) -> float:
     return min(1.0, max(0.0, share))
 
 
+def _even(nearest: float) -> float:
+    """Return how evenly spaced points are, 0 to 1, where no other triangles tell."""
+    return min(1.0, max(0.0, (nearest - _AT_RANDOM) / (_OF_FEWEST_MEANS - _AT_RANDOM)))
+
+
 def _depth_of(merged: Merged, found: Facets) -> float:
     """Return what means that were taken here lie too deep by, as a share of the facets.
 
     k / 2 times the mean square distance of what was merged, against k M / 24; and what was merged
     may have been means itself, of voxels smaller as they were more.
     """
-    even = (merged.nearness - _AT_RANDOM) / (_OF_FEWEST_MEANS - _AT_RANDOM)
-    means = min(1.0, max(0.0, even)) * _of_voxels(merged.nearness)
+    means = _even(merged.nearness) * _of_voxels(merged.nearness)
     return 12.0 * merged.scatter / found.coarseness + _TOO_DEEP * means * merged.share
 
 
