@@ -115,6 +115,19 @@ def test_means_of_many_points():
     holds(in_voxels(ball(300_000, rng), 0.08), BALL, rng, 0.0006)
 
 
+@pytest.mark.parametrize("thickness", [0.06, 0.1])
+def test_means_in_a_plate_that_fewer_points_do_not_find(thickness):
+    """A third of them, or a half, cannot tell the sides of a wall of 3 and 4 spacings apart."""
+    rng = np.random.default_rng(5)
+    points, side = rng.uniform(-0.5, 0.5, (200_000, 3)), rng.integers(0, 2, 200_000) - 0.5
+    face = rng.choice(3, len(side), p=np.array([thickness, 1.0, thickness]) / (1 + 2 * thickness))
+    points[np.arange(len(side)), face] = side
+    turned = Rotation.from_euler("xyz", [20, 30, 40], degrees=True).apply(
+        points * [1.0, thickness, 1.0]
+    )
+    holds(in_voxels(turned, 0.0225), thickness, rng, 0.0015, sigmas=1.6)
+
+
 @pytest.mark.parametrize("count", [150_000, 400_000])
 def test_what_is_merged_while_it_streams_lies_no_deeper_than_is_known(count):
     """A few points to a cube, or many: their means lie below the surface by other shares."""
