@@ -299,14 +299,45 @@ def test_what_was_asked_for_is_named_where_nothing_is_enclosed() -> None:
 
 @pytest.mark.one_python
 def test_positions_of_cameras_count() -> None:
-    """Cameras that look up from below see that nothing is there: the ball ends flat."""
+    """Cameras that look up from below see that nothing is there: the ball ends flat.
+
+    Those at 45 degrees see no more of it than there is.
+    """
     points = scan(sphere(), 8_000, 5, Flaws(missing=0.3))
     around = 2 * np.pi * np.arange(12) / 12
     ring = np.column_stack([4 * np.cos(around), 4 * np.sin(around)])
     above, level = (
         volume_of(points, cameras=np.column_stack([ring, np.full(12, z)]) + OFFSET)
-        for z in (3.0, -0.2)
+        for z in (4.0, -0.2)
     )
     flat = sphere().volume * (1 - 0.3**2 * (3 - 2 * 0.3))  # without the cap, in closed form
     assert level.volume_m3 == pytest.approx(flat, rel=0.07)
     assert above.volume_m3 > 1.02 * level.volume_m3
+
+
+@pytest.mark.one_python
+def test_what_cameras_looked_down_on_stands_on_its_lowest_points() -> None:
+    """A cube without its bottom: it ends there, known cameras or not."""
+    points = cube().surface(8_000, np.random.default_rng(6))
+    points = points[points[:, 2] > points[:, 2].min()]
+    around = 2 * np.pi * np.arange(12) / 12
+    middle = points.mean(axis=0)
+    ring = np.column_stack([3 * np.cos(around), 3 * np.sin(around), np.full(12, 1.5)]) + middle
+    for cameras in (None, ring + OFFSET):
+        result = volume_of(points + OFFSET, cameras=cameras)
+        assert "floor-at-lowest-points" in {warning.code for warning in result.warnings}
+        assert abs(result.volume_m3 - 1.0) < 2.0 * result.std_m3 < 0.1
+
+
+@pytest.mark.one_python
+def test_narrow_parts_make_no_thin_walled_body_of_an_open_one() -> None:
+    """A block with slots as narrow as gaps between points, of which nobody saw the bottom."""
+    slots = np.linspace(0.04, 0.92, 11)
+    walls = [0.0, *(slots + 0.04)], [*slots, 1.0]
+    parts = [box_part((0, 0, 0), (1, 0.5, 0.15))]
+    parts += [box_part((low, 0, 0.15), (high, 0.5, 0.4)) for low, high in zip(*walls)]
+    truth = 0.5 * (0.15 + 0.25 * (1.0 - 11 * 0.04))
+    points = union("slots", parts, truth).surface(12_000, np.random.default_rng(7))
+    result = volume_of(points[points[:, 2] > 1e-9] + OFFSET)
+    assert "surface-completed" in {warning.code for warning in result.warnings}
+    assert abs(result.volume_m3 - truth) < 2.0 * result.std_m3 < 1.0 * truth

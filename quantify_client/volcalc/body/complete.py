@@ -39,6 +39,10 @@ _MOST_CAMERAS = 60
 #: A body was seen from below, too, where this share of its points is hidden from above.
 _UNDERSIDE = 0.1
 
+#: What is seen ends by itself where cameras that see no more than what overhangs would have stood
+#: higher than those that are known by this, degrees: overhangs tell it to 10 degrees (method.md).
+_SURELY_HIGHER = 10.0
+
 #: Shares of the curvature that goes on: in the smaller completion and in the larger one.
 _CURVED = (1.0, 0.5)
 
@@ -117,8 +121,8 @@ def complete(
 ) -> Optional[Tuple[Standing, Enclosed]]:
     """Return the body that a partly seen surface encloses, which goes down to its ground.
 
-    Where nobody knows where cameras stood, there is no ground, and no surface overhangs, what ends
-    there stands on its lowest points.
+    Where there is no ground, no surface overhangs and no camera is known to have looked up, what
+    ends there stands on its lowest points.
 
     Parameters
     ----------
@@ -257,17 +261,44 @@ def _views(
         some = np.linspace(0, len(cameras) - 1, min(len(cameras), _MOST_CAMERAS))
         cameras = cameras[np.round(some).astype(np.int64)]
         places, known = cameras, 0
-        if np.median(cameras[:, 2]) >= standing.points[:, 2].min():  # they look down, as others do
+        look_down = bool(np.median(cameras[:, 2]) >= standing.points[:, 2].min())
+        if look_down:  # as others do
             places = np.vstack([cameras, places_all_round(standing.points, below)[0]])
             known = len(cameras)
         unsure = np.arange(len(places)) >= len(cameras)
-        return Views.of(seen, spacing, places, None, ground, known), unsure, False
+        views = Views.of(seen, spacing, places, None, ground, known)
+        higher = _height(standing, cameras) + _SURELY_HIGHER
+        return views, unsure, look_down and _stands(standing, views, higher)
     views = Views.of(seen, spacing, places_all_round(standing.points, below)[0], None, ground)
-    below = standing.pose is None and bool(np.mean(views.seen[:count] == 0) > _UNDERSIDE)
-    lowest = lowest_told(views.normals[:count])
-    stands = standing.pose is None and not below and lowest >= HIGHEST
+    below = _seen_from_below(standing, views)
+    stands = _stands(standing, views, HIGHEST)
+    lowest = min(max(lowest_told(views.normals[:count]), 0.0), HIGHEST)
     places, unsure = places_all_round(standing.points, below, lowest)
     return Views.of(seen, spacing, places, views.patches, ground), unsure, stands
+
+
+def _seen_from_below(standing: Standing, views: Views) -> bool:
+    """Whether much of a body without ground is hidden from places that look down on it."""
+    hidden = float(np.mean(views.seen[: len(standing.points)] == 0))
+    return standing.pose is None and hidden > _UNDERSIDE
+
+
+def _stands(standing: Standing, views: Views, higher: float) -> bool:
+    """Whether a body without ground ends at its lowest points.
+
+    It overhangs by less than is seen from cameras that stand that much higher than the horizon,
+    degrees.
+    """
+    lowest = lowest_told(views.normals[: len(standing.points)])
+    return standing.pose is None and lowest >= higher and not _seen_from_below(standing, views)
+
+
+def _height(standing: Standing, cameras: FloatArray) -> float:
+    """Return how high above the horizon the lowest tenth of the cameras stood, degrees."""
+    low, high = standing.points.min(axis=0), standing.points.max(axis=0)
+    way = cameras - 0.5 * (low + high)
+    up = np.degrees(np.arctan2(way[:, 2], np.linalg.norm(way[:, :2], axis=1)))
+    return float(np.quantile(up, 0.1))
 
 
 def _seen_empty(

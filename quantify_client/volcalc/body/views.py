@@ -61,7 +61,7 @@ _AROUND = 12
 _BETWEEN = (30, 8)
 _LOWER = 12.0
 
-#: The lowest cameras stand no higher than this, and where nobody knows at this first, degrees.
+#: Where nobody knows the lowest cameras stand no higher than this, and at this first, degrees.
 HIGHEST = 40.0
 _USUAL = 15.0
 
@@ -107,17 +107,16 @@ def places_all_round(
 
 
 def lowest_told(normals: FloatArray) -> float:
-    """Return how high above the horizon the lowest cameras stood, degrees.
+    """Return how high above the horizon the lowest cameras stood, or higher, degrees.
 
-    From how far surfaces overhang that were seen.
+    From how far surfaces overhang that were seen; below 0 where they were seen from below.
 
     Parameters
     ----------
     normals : (N, 3) unit vectors to the outside.
     """
     overhang = np.degrees(np.arcsin(np.clip(-normals[:, 2], -1.0, 1.0)))
-    most = float(np.quantile(overhang, 1.0 - _NOISE))
-    return float(np.clip(90.0 - _GRAZING - most, 0.0, HIGHEST))
+    return 90.0 - _GRAZING - float(np.quantile(overhang, 1.0 - _NOISE))
 
 
 class _View:
