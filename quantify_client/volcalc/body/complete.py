@@ -39,9 +39,11 @@ _MOST_CAMERAS = 60
 #: A body was seen from below, too, where this share of its points is hidden from above.
 _UNDERSIDE = 0.1
 
-#: What is seen ends by itself where cameras that see no more than what overhangs would have stood
-#: higher than those that are known by this, degrees: overhangs tell it to 10 degrees (method.md).
+#: What is seen ends by itself where cameras that see no more than what overhangs at the lowest
+#: points, so many spacings high, would have stood this much higher than those that are known,
+#: degrees: overhangs tell it to 10 degrees (method.md).
 _SURELY_HIGHER = 10.0
+_LOWEST = 3.0
 
 #: Shares of the curvature that goes on: in the smaller completion and in the larger one.
 _CURVED = (1.0, 0.5)
@@ -268,10 +270,10 @@ def _views(
         unsure = np.arange(len(places)) >= len(cameras)
         views = Views.of(seen, spacing, places, None, ground, known)
         higher = _height(standing, cameras) + _SURELY_HIGHER
-        return views, unsure, look_down and _stands(standing, views, higher)
+        return views, unsure, look_down and _stands(standing, views, spacing, higher)
     views = Views.of(seen, spacing, places_all_round(standing.points, below)[0], None, ground)
     below = _seen_from_below(standing, views)
-    stands = _stands(standing, views, HIGHEST)
+    stands = _stands(standing, views, spacing, HIGHEST)
     lowest = min(max(lowest_told(views.normals[:count]), 0.0), HIGHEST)
     places, unsure = places_all_round(standing.points, below, lowest)
     return Views.of(seen, spacing, places, views.patches, ground), unsure, stands
@@ -283,14 +285,16 @@ def _seen_from_below(standing: Standing, views: Views) -> bool:
     return standing.pose is None and hidden > _UNDERSIDE
 
 
-def _stands(standing: Standing, views: Views, higher: float) -> bool:
+def _stands(standing: Standing, views: Views, spacing: float, higher: float) -> bool:
     """Whether a body without ground ends at its lowest points.
 
-    It overhangs by less than is seen from cameras that stand that much higher than the horizon,
-    degrees.
+    Most of these overhang by less than is seen from cameras that stand that much higher than the
+    horizon, degrees.
     """
-    lowest = lowest_told(views.normals[: len(standing.points)])
-    return standing.pose is None and lowest >= higher and not _seen_from_below(standing, views)
+    height = standing.points[:, 2]
+    lowest = views.normals[: len(height)][height < height.min() + _LOWEST * spacing]
+    ends = lowest_told(lowest, 0.5) >= higher
+    return standing.pose is None and ends and not _seen_from_below(standing, views)
 
 
 def _height(standing: Standing, cameras: FloatArray) -> float:

@@ -106,7 +106,7 @@ def places_all_round(
     return places, np.concatenate(unsure)
 
 
-def lowest_told(normals: FloatArray) -> float:
+def lowest_told(normals: FloatArray, share: float = _NOISE) -> float:
     """Return how high above the horizon the lowest cameras stood, or higher, degrees.
 
     From how far surfaces overhang that were seen; below 0 where they were seen from below.
@@ -114,9 +114,10 @@ def lowest_told(normals: FloatArray) -> float:
     Parameters
     ----------
     normals : (N, 3) unit vectors to the outside.
+    share : of them that may overhang more.
     """
     overhang = np.degrees(np.arcsin(np.clip(-normals[:, 2], -1.0, 1.0)))
-    return 90.0 - _GRAZING - float(np.quantile(overhang, 1.0 - _NOISE))
+    return 90.0 - _GRAZING - float(np.quantile(overhang, 1.0 - share))
 
 
 class _View:
