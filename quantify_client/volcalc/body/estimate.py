@@ -40,7 +40,7 @@ from .floor import Standing
 from .spacing import nearness
 from .voxels import Merged
 
-__all__ = ["RESAMPLED", "Estimate", "estimate", "hidden_volume", "is_same_body"]
+__all__ = ["RESAMPLED", "Estimate", "area_of_foot", "estimate", "hidden_volume", "is_same_body"]
 
 #: Every third point finds the body once more; every second where a third cannot tell walls apart.
 RESAMPLED = (3, 2)
@@ -316,8 +316,13 @@ def hidden_volume(standing: Standing, body: Enclosed) -> Tuple[float, float]:
     """
     if not len(standing.lid):
         return 0.0, 0.0
-    above = body.surface.lowest + 1.5 * body.spacing
-    area = float(body.surface.areas(np.array([above]))[0])
+    area = area_of_foot(body)
     half = 0.0 if standing.pose is None else 0.5
     volume = area * (standing.sure + half * standing.unsure)
     return volume, area * standing.unsure / math.sqrt(12.0)
+
+
+def area_of_foot(body: Enclosed) -> float:
+    """Return the area of a body's section near its lowest points, square metres."""
+    above = body.surface.lowest + 1.5 * body.spacing
+    return float(body.surface.areas(np.array([above]))[0])

@@ -32,6 +32,10 @@ SOUND = 3.0
 _SHOWN = 4.0
 _LEVELS = 5
 
+#: Sections count as far as all of their widths are within this share of one line: above a step they
+#: tell nothing of the foot. Chosen.
+_OFF_LINE = 0.02
+
 #: A body overhangs that is narrower at its foot than above by more than this for each unit of
 #: height: ten degrees.
 _OVERHANG = math.tan(math.radians(10.0))
@@ -105,6 +109,11 @@ def find_foot(standing: Standing, body: Enclosed, hidden: float) -> Optional[Foo
     if levels[-1] >= body.surface.highest:
         return None
     areas = np.maximum(body.surface.areas(levels), 0.0)
+    count = _on_line(levels - first, np.sqrt(areas))
+    levels, areas = levels[:count], areas[:count]
+    if count < 3:  # a step; what is below it tells more, though it is less sound
+        levels = np.array([first - spacing, first])
+        areas = np.maximum(body.surface.areas(levels), 0.0)
     rise, width = np.polyfit(levels - first, np.sqrt(areas), 1).tolist()
     told = float(body.surface.volume_below(np.array([first]))[0]) + hidden
     if width <= 0:
@@ -123,6 +132,16 @@ def find_foot(standing: Standing, body: Enclosed, hidden: float) -> Optional[Foo
     if (wedge <= 0) == (rise <= _OVERHANG):
         return None
     return replace(foot, std=math.hypot(other / math.sqrt(12.0), _OF_WEDGE * wedge))
+
+
+def _on_line(heights: FloatArray, widths: FloatArray) -> int:
+    """Return how many of the first sections have widths on one line, two being always on one."""
+    for count in range(len(heights), 2, -1):
+        rise, width = np.polyfit(heights[:count], widths[:count], 1)
+        off = np.abs(width + rise * heights[:count] - widths[:count])
+        if off.max() <= _OFF_LINE * widths[0]:
+            return count
+    return 2
 
 
 def unseen_share(standing: Standing, body: Enclosed) -> float:

@@ -24,6 +24,7 @@ from .heap import HeapFoundError, Heaps, around, heap_share
 from .occupancy import cover, occupancy_volume
 from .openings import beyond_lids
 from .spacing import is_outlier
+from .uneven import base_std
 from .voxels import Merged, Thinned
 from .warnings import body_warnings, why_open
 
@@ -84,7 +85,8 @@ def measure_body(
         within, hidden, budget = _parts_of_heap(heap)
     else:
         found = _estimate(standing, body, recipe, foot, cloud.merged)
-        within, hidden, budget = _parts(found, body, foot, (unseen, unseen_std))
+        base = base_std(standing, body)
+        within, hidden, budget = _parts(found, body, foot, (unseen, unseen_std), base)
     volume, std = within + hidden, math.hypot(*(item.std_m3 for item in budget))
     _require_room(standing, volume - min(1.96 * std, _UNSURE * volume))
     zero = local.elevation_of_zero(standing)
@@ -114,13 +116,14 @@ def measure_body(
 
 
 def _parts(
-    found: Estimate, body: Enclosed, foot: Optional[Foot], unseen: Tuple[float, float]
+    found: Estimate, body: Enclosed, foot: Optional[Foot], unseen: Tuple[float, float], base: float
 ) -> Tuple[float, float, Tuple[BudgetItem, ...]]:
     """Return the volume within the surface above a foot, what is below it, m3, and the budget.
 
     Parameters
     ----------
     unseen : volume below the lowest section and its standard deviation, m3.
+    base : standard deviation from uneven ground, m3.
     """
     hidden, hidden_std = unseen
     if foot is not None:
@@ -132,6 +135,7 @@ def _parts(
     budget = (
         BudgetItem("outline", found.outline_std),
         BudgetItem("sampling", found.sampling_std),
+        BudgetItem("base", base),
         BudgetItem("slicing", 0.0),
         BudgetItem("coverage", math.hypot(hidden_std, closing_std)),
     )

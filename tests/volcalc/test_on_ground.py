@@ -1,0 +1,67 @@
+"""Bodies on ground: a foot below a step, and ground that is uneven."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scans import OFFSET, volume_of
+from solids import box_part, cube, union
+
+from quantify_client.volcalc.body.enclose import enclose
+from quantify_client.volcalc.body.floor import stand
+from quantify_client.volcalc.body.uneven import base_std
+
+RNG = np.random.default_rng(3)
+
+
+def around(low, high, count, reach=1.0):
+    """Level ground, some metres to each side of a rectangle."""
+    low, high = np.array(low), np.array(high)
+    x, y = RNG.uniform(low - reach, high + reach, (count, 2)).T
+    off = (x < low[0]) | (x > high[0]) | (y < low[1]) | (y > high[1])
+    return np.column_stack([x, y, np.zeros(count)])[off]
+
+
+@pytest.mark.one_python
+@pytest.mark.parametrize("step", [0.09, 0.12, 0.15])
+def test_a_foot_ends_at_the_step_above_it(step):
+    """Sections above it are a quarter as large, and told that the foot was wider."""
+    parts = [box_part((0, 0, 0), (1, 1, step)), box_part((0.3, 0.3, step), (0.8, 0.8, 0.5))]
+    truth = step + 0.25 * (0.5 - step)
+    points = union("steps", parts, truth).surface(8_000, np.random.default_rng(8))
+    points = np.vstack([points[points[:, 2] > 1e-9], around((0, 0), (1, 1), 16_000)])
+    result = volume_of(points + 0.0005 * RNG.standard_normal(points.shape) + OFFSET)
+    assert result.volume_m3 == pytest.approx(truth, rel=0.01)
+    assert abs(result.volume_m3 - truth) < 2.0 * result.std_m3
+
+
+def standing_on(ground):
+    points = cube().surface(6_000, np.random.default_rng(9))
+    points -= points.min(axis=0)
+    everything = np.vstack([points[points[:, 2] > 1e-9], ground])
+    order = np.lexsort(everything.T)
+    standing = stand(everything[order], np.ones(len(order), dtype=np.int64), "auto")
+    body = enclose(standing.points, lid=standing.lid, hollow=False, max_gap=None)
+    return standing, body
+
+
+def test_the_base_is_as_far_off_as_blocks_of_ground_are():
+    """A chessboard of +- 1 cm, 64 fields of half a metre, of which a cube of 1 m3 hides four."""
+    ground = around((0, 0), (1, 1), 60_000, reach=1.5)
+    field = np.floor((ground[:, :2] - ground[:, :2].min(axis=0)) / 0.5).astype(int).sum(axis=1)
+    ground[:, 2] = np.where(field % 2, 0.01, -0.01)
+    assert base_std(*standing_on(ground)) == pytest.approx(0.01 * math.sqrt(60 / 57), rel=0.15)
+
+
+def test_noise_of_level_ground_is_no_unevenness():
+    ground = around((0, 0), (1, 1), 40_000, reach=1.5)
+    ground[:, 2] = 0.01 * RNG.standard_normal(len(ground))
+    assert base_std(*standing_on(ground)) < 5e-4
+
+
+def test_without_ground_there_is_none():
+    points = cube().surface(3_000, np.random.default_rng(9))
+    standing = stand(points, np.ones(len(points), dtype=np.int64), "none")
+    assert base_std(standing, enclose(points, hollow=False, max_gap=None)) == 0.0
