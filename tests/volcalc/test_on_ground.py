@@ -64,4 +64,4 @@ def test_noise_of_level_ground_is_no_unevenness():
 def test_without_ground_there_is_none():
     points = cube().surface(3_000, np.random.default_rng(9))
     standing = stand(points, np.ones(len(points), dtype=np.int64), "none")
-    assert base_std(standing, enclose(points, hollow=False, max_gap=None)) == 0.0
+    assert base_std(standing, enclose(points, hollow=False, max_gap=None)) is None

@@ -116,14 +116,18 @@ def measure_body(
 
 
 def _parts(
-    found: Estimate, body: Enclosed, foot: Optional[Foot], unseen: Tuple[float, float], base: float
+    found: Estimate,
+    body: Enclosed,
+    foot: Optional[Foot],
+    unseen: Tuple[float, float],
+    base: Optional[float],
 ) -> Tuple[float, float, Tuple[BudgetItem, ...]]:
     """Return the volume within the surface above a foot, what is below it, m3, and the budget.
 
     Parameters
     ----------
     unseen : volume below the lowest section and its standard deviation, m3.
-    base : standard deviation from uneven ground, m3.
+    base : standard deviation from uneven ground, m3; None without ground.
     """
     hidden, hidden_std = unseen
     if foot is not None:
@@ -135,7 +139,7 @@ def _parts(
     budget = (
         BudgetItem("outline", found.outline_std),
         BudgetItem("sampling", found.sampling_std),
-        BudgetItem("base", base),
+        *(() if base is None else (BudgetItem("base", base),)),
         BudgetItem("slicing", 0.0),
         BudgetItem("coverage", math.hypot(hidden_std, closing_std)),
     )

@@ -8,6 +8,7 @@ base be.
 from __future__ import annotations
 
 import math
+from typing import Optional
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -29,13 +30,13 @@ _FEWEST_BLOCKS = 6
 _FEWEST = 10
 
 
-def base_std(standing: Standing, body: Enclosed) -> float:
+def base_std(standing: Standing, body: Enclosed) -> Optional[float]:
     """Return the standard deviation of a volume from its base on uneven ground, m3.
 
-    0 without ground, or with too little of it to tell.
+    None without ground, 0 with too little of it to tell.
     """
     if standing.pose is None or not len(standing.ground):
-        return 0.0
+        return None
     area = area_of_foot(body)
     width = math.sqrt(max(0.0, area))
     away = cKDTree(standing.points[:, :2]).query(standing.ground[:, :2])[0]
