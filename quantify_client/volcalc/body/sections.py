@@ -135,7 +135,7 @@ class BodySurface:
         wide, lean, x, z = halves[above, which].T
         height = levels[level] - z
         share = self.sign[triangle] * wide * height * (x + lean * height)
-        return np.bincount(level, share, len(levels))
+        return np.asarray(np.bincount(level, share, len(levels)), np.float64)
 
     def _blocks(self) -> Iterator[BodySurface]:
         """Yield some triangles at a time: areas and volumes of all are the sums of theirs."""
