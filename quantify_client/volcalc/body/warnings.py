@@ -172,11 +172,12 @@ def _floor(standing: Standing, hidden: float, volume: float, advice: str) -> Ite
             tilt_degrees=floor.tilt_degrees,
         )
     if hidden > _HIDDEN * volume:
+        gap = standing.sure + standing.unsure
         yield Notice(
             "foot-not-seen",
-            f"the lowest {standing.unsure:.3g} m above the floor were not seen: half of what would "
-            f"stand upright below the lowest section, {hidden:.4g} m3, was added; photograph from "
-            "lower down",
+            f"the lowest {gap:.3g} m were left out with the floor or not seen: {hidden:.4g} m3 was "
+            "added, what would stand upright there, and half of it for the "
+            f"{standing.unsure:.3g} m that were not seen; photograph from lower down",
             height_m=standing.unsure,
             volume_m3=hidden,
         )
