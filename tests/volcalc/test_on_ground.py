@@ -65,3 +65,13 @@ def test_without_ground_there_is_none():
     points = cube().surface(3_000, np.random.default_rng(9))
     standing = stand(points, np.ones(len(points), dtype=np.int64), "none")
     assert base_std(standing, enclose(points, hollow=False, max_gap=None)) is None
+
+
+def test_of_uneven_ground_alone_there_may_be_nothing():
+    """A bent surface 2 m wide and as high as its points are apart, closed at the lowest of them."""
+    x, y = RNG.uniform(-1.0, 1.0, (2, 20_000))
+    points = np.column_stack([x, y, 0.006 * np.sin(5 * x) * np.cos(4 * y)])
+    points[:, 2] += 0.001 * RNG.standard_normal(len(points))
+    result = volume_of(points + OFFSET)
+    assert result.warnings[0].code == "floor-at-lowest-points"
+    assert result.volume_m3 < 1.96 * result.std_m3

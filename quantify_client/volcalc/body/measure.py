@@ -51,6 +51,10 @@ _CHECK_OF_SKIN = 0.25
 #: A body that is larger than the box round its points, but for this share, is none.
 _UNSURE = 0.1
 
+#: Of a surface that is no farther than gaps between points from a lid at its lowest ones there may
+#: be nothing: the estimate or none.
+_NONE_OR_ALL = 1.0 / math.sqrt(3.0)
+
 #: Points of each kind that go to the report.
 _SHOWN = 20_000
 
@@ -86,6 +90,8 @@ def measure_body(
     else:
         found = _estimate(standing, body, recipe, foot, cloud.merged)
         base = base_std(standing, body)
+        if body.thin_walled and standing.floor is not None and standing.pose is None:
+            unseen_std = math.hypot(unseen_std, _NONE_OR_ALL * found.volume)
         within, hidden, budget = _parts(found, body, foot, (unseen, unseen_std), base)
     volume, std = within + hidden, math.hypot(*(item.std_m3 for item in budget))
     _require_room(standing, volume - min(1.96 * std, _UNSURE * volume))
