@@ -52,7 +52,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 export PYTHONDONTWRITEBYTECODE =
 
 .PHONY: demo plugin test test-newest test-live test-webodm fuzz lock lint lint39 format suite suite39 \
-	broker say say39 coverage clean
+	broker say say39 coverage clean environments
 ifndef SIDE_BY_SIDE
 .NOTPARALLEL:
 endif
@@ -68,11 +68,13 @@ plugin: $(VENV)/.ready
 
 # Installing and checking types keep one processor busy each.
 test: say say39
-	@$(MAKE) --no-print-directory -j2 SIDE_BY_SIDE=1 lint lint39 $(BROKER)
+	@$(MAKE) --no-print-directory -j3 SIDE_BY_SIDE=1 lint lint39 $(BROKER)
 	@$(MAKE) --no-print-directory suite
 	@$(MAKE) --no-print-directory -j2 SIDE_BY_SIDE=1 suite39 broker
 
 SUITE = -m pytest -n $(JOBS) --dist worksteal --durations=10
+
+environments: $(DEV)/.ready $(if $(PYTHON39),$(OLD)/.ready)
 
 lint: $(DEV)/.ready
 	$(DEV)/bin/ruff check .
