@@ -123,8 +123,8 @@ def complete(
 ) -> Optional[Tuple[Standing, Enclosed]]:
     """Return the body that a partly seen surface encloses, which goes down to its ground.
 
-    Where there is no ground, no surface overhangs and no camera is known to have looked up, what
-    ends there stands on its lowest points.
+    Where there is no ground and no camera is known to have looked up, what hardly overhangs at its
+    lowest points stands on them.
 
     Parameters
     ----------
@@ -270,10 +270,11 @@ def _views(
         unsure = np.arange(len(places)) >= len(cameras)
         views = Views.of(seen, spacing, places, None, ground, known)
         higher = _height(standing, cameras) + _SURELY_HIGHER
-        return views, unsure, look_down and _stands(standing, views, spacing, higher)
+        stands = look_down and not _seen_from_below(standing, views)
+        return views, unsure, stands and _ends(standing, views, spacing, higher)
     views = Views.of(seen, spacing, places_all_round(standing.points, below)[0], None, ground)
     below = _seen_from_below(standing, views)
-    stands = _stands(standing, views, spacing, HIGHEST)
+    stands = not below and _ends(standing, views, spacing, HIGHEST)
     lowest = min(max(lowest_told(views.normals[:count]), 0.0), HIGHEST)
     places, unsure = places_all_round(standing.points, below, lowest)
     return Views.of(seen, spacing, places, views.patches, ground), unsure, stands
@@ -285,16 +286,15 @@ def _seen_from_below(standing: Standing, views: Views) -> bool:
     return standing.pose is None and hidden > _UNDERSIDE
 
 
-def _stands(standing: Standing, views: Views, spacing: float, higher: float) -> bool:
-    """Whether a body without ground ends at its lowest points.
+def _ends(standing: Standing, views: Views, spacing: float, higher: float) -> bool:
+    """Whether a surface without ground ends at its lowest points.
 
     Most of these overhang by less than is seen from cameras that stand that much higher than the
     horizon, degrees.
     """
     height = standing.points[:, 2]
     lowest = views.normals[: len(height)][height < height.min() + _LOWEST * spacing]
-    ends = lowest_told(lowest, 0.5) >= higher
-    return standing.pose is None and ends and not _seen_from_below(standing, views)
+    return standing.pose is None and lowest_told(lowest, 0.5) >= higher
 
 
 def _height(standing: Standing, cameras: FloatArray) -> float:
