@@ -14,8 +14,9 @@ from ..errors import InputError, QuantifyError
 from ..options import for_objects
 from ..source import Source
 from ..types import AreaResult, Bounds, Faces, FloatArray, Floor, Measurement, Notice, Options
+from ..volcalc.body.find import floor_and_heap, heap_outlines
 from ..volcalc.body.heap import HeapFoundError
-from ..volcalc.body.measure import floor_and_heap, heap_outlines, measure_body
+from ..volcalc.body.measure import measure_body
 from ..volcalc.body.voxels import Thinned, VoxelAccumulator
 from ..volcalc.body_slices import BodyRecipe
 from ..volcalc.mesh.measure import measure_mesh

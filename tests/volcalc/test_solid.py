@@ -1,6 +1,6 @@
 """A body from its points to its result: volume, slices, budget, checks and words."""
 
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -11,6 +11,7 @@ from solids import BODIES, ball_part, box_part, cup, hollow_ball, mixed, sphere
 
 from quantify_client.errors import InputError
 from quantify_client.types import Notice
+from quantify_client.volcalc.body import find
 from quantify_client.volcalc.body.measure import measure_body
 from quantify_client.volcalc.body.voxels import Thinned
 from quantify_client.volcalc.body_slices import BodyRecipe
@@ -55,6 +56,14 @@ def assert_consistent(result):
     assert result.std_m3 == pytest.approx(np.sqrt(squares), rel=1e-9)
     assert len(result.body.outlines) == len(result.slices)
     assert all(isinstance(line, Notice) and "\n" not in line for line in result.warnings)
+
+
+@pytest.mark.parametrize("cloud", [partial(scanned, "sphere", 2000), box_on_ground])
+def test_some_points_find_the_same_body_beside_all_as_after_them(monkeypatch, cloud):
+    after = volume_of(cloud())
+    monkeypatch.setattr(find, "_SIDE_BY_SIDE", 0)
+    beside = volume_of(cloud())
+    assert (beside.volume_m3, beside.budget) == (after.volume_m3, after.budget)
 
 
 # --- slices

@@ -3,45 +3,39 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from typing import Callable, Optional, Sequence, Tuple, Union
+from typing import Callable, Optional, Tuple
 
 import numpy as np
 import numpy.typing as npt
-import shapely
 
 from ...errors import InputError
-from ...types import AreaResult, Body, BudgetItem, Check, FloatArray, Floor, Gap, Slice
+from ...types import AreaResult, Body, BudgetItem, Check, FloatArray, Slice
 from ..body_slices import CONVERGENCE, TERRAIN_ONLY, BodyRecipe, slab_edges, slices_of
-from .above_ground import AboveGround, above_ground
-from .complete import complete, is_partly_seen
-from .enclose import Enclosed, Open, enclose
+from .above_ground import AboveGround
+from .enclose import Enclosed
 from .estimate import RESAMPLED, Estimate, estimate, hidden_volume, is_same_body
-from .floor import Standing, on_lowest_points, stand
+from .find import Found, find_body
+from .floor import Standing
 from .foot import SOUND, Foot, find_foot, wedge_std
-from .heap import HeapFoundError, Heaps, around, heap_share
+from .local_frame import LocalFrame
 from .occupancy import cover, occupancy_volume
 from .openings import beyond_lids
-from .spacing import is_outlier
 from .uneven import base_std
 from .voxels import Merged, Thinned
-from .warnings import body_warnings, why_open
+from .warnings import body_warnings
 
-__all__ = ["floor_and_heap", "heap_outlines", "measure_body"]
+__all__ = ["measure_body"]
 
 #: A surface bulges beyond its points only a little where they show its shape. A volume of more than
 #: this many boxes round all points is wrong.
 _ROOM = 2.0
 
 _FEWEST = 4  # points of a volume
-_FEWEST_AGAIN = 100  # points that a body is found by again
 
 #: A skin that is a larger share of the body is rough with noise.
 _ROUGH = 0.01
-
-#: A smaller share of the volume is what rounding leaves.
-_ROUNDED = 1e-9
 
 #: Margin of the check by cells, as shares of its own correction (known to 0.07: RMS over the bodies
 #: of tests/solids.py, see docs/method.md) and of half the skin.
@@ -80,19 +74,20 @@ def measure_body(
         raise InputError(
             f"{len(cloud.points)} points: a volume needs at least {_FEWEST}; give the whole cloud"
         )
-    local = _LocalFrame.of(cloud, recipe.ground_factor)
-    standing, body, heap = _enclosed(local, cloud, recipe, unless_heap)
+    local = LocalFrame.of(cloud, recipe.ground_factor)
+    found = find_body(local, cloud, recipe, unless_heap)
+    standing, body, heap = found.standing, found.body, found.heap
     unseen, unseen_std = hidden_volume(standing, body)
     unseen_std = math.hypot(unseen_std, wedge_std(standing, body))
     foot = find_foot(standing, body, unseen)
     if heap is not None:
         within, hidden, budget = _parts_of_heap(heap)
     else:
-        found = _estimate(standing, body, recipe, foot, cloud.merged)
+        likely = _estimate(found, recipe, foot, cloud.merged)
         base = base_std(standing, body)
         if body.thin_walled and standing.floor is not None and standing.pose is None:
-            unseen_std = math.hypot(unseen_std, _NONE_OR_ALL * found.volume)
-        within, hidden, budget = _parts(found, body, foot, (unseen, unseen_std), base)
+            unseen_std = math.hypot(unseen_std, _NONE_OR_ALL * likely.volume)
+        within, hidden, budget = _parts(likely, body, foot, (unseen, unseen_std), base)
     volume, std = within + hidden, math.hypot(*(item.std_m3 for item in budget))
     _require_room(standing, volume - min(1.96 * std, _UNSURE * volume))
     zero = local.elevation_of_zero(standing)
@@ -164,146 +159,17 @@ def _parts_of_heap(heap: AboveGround) -> Tuple[float, float, Tuple[BudgetItem, .
     return heap.body.within, heap.rest, budget
 
 
-def floor_and_heap(cloud: Thinned) -> Tuple[Optional[Floor], bool]:
-    """Return the floor that ``floor="auto"`` finds in a cloud, and whether a heap stands on it."""
-    local = _LocalFrame.of(cloud, 1.0)
-    standing = stand(local.apply(cloud.points), cloud.counts, "auto")
-    return local.in_frame(standing.floor), heap_share(standing) is not None
-
-
-def heap_outlines(cloud: Thinned) -> Sequence[shapely.Polygon]:
-    """Return outlines around heaps that are all of a cloud but even ground, in its x and y.
-
-    None where there are outliers, or where that ground is not even.
-    """
-    local = _LocalFrame.of(cloud, 1.0)
-    points = local.apply(cloud.points)
-    if is_outlier(points).any():
-        return ()
-    standing = stand(points, cloud.counts, "auto")
-    if heap_share(standing) is None:
-        return ()
-    heaps = local.heaps(standing)
-    return heaps.outlines if heaps.even else ()
-
-
-@dataclass(frozen=True)
-class _LocalFrame:
-    """Coordinates near the body: metres on the ground from an origin."""
-
-    origin: FloatArray
-    scale: FloatArray
-
-    @classmethod
-    def of(cls, cloud: Thinned, ground_factor: float) -> _LocalFrame:
-        return cls(cloud.points.mean(axis=0), np.array([ground_factor, ground_factor, 1.0]))
-
-    def apply(self, points: FloatArray) -> FloatArray:
-        """(N, 3) points of the measuring frame in this one."""
-        return (points - self.origin) / self.scale
-
-    def heaps(self, standing: Standing) -> Heaps:
-        """Return the heaps that stand on the ground, their outlines in the measuring frame."""
-        found = around(standing)
-        outlines = [
-            shapely.transform(one, lambda xy: xy * self.scale[:2] + self.origin[:2])
-            for one in found.outlines
-        ]
-        return replace(found, outlines=outlines)
-
-    def in_frame(self, floor: Optional[Floor]) -> Optional[Floor]:
-        """Return a floor with its elevation in the measuring frame."""
-        return floor and replace(floor, elevation=floor.elevation + float(self.origin[2]))
-
-    def elevation_of_zero(self, standing: Standing) -> float:
-        """Return the elevation that upright heights count from."""
-        pivot = 0.0 if standing.pose is None else float(standing.pose.pivot[2])
-        return float(self.origin[2]) + pivot
-
-    def place(self, standing: Standing, gap: Gap) -> str:
-        """Return where an opening is, in the cloud's own measuring frame."""
-        found = standing.as_found(np.array([[gap.x, gap.y, gap.z]]))
-        x, y, z = (np.round(found * self.scale + self.origin, 2) + 0.0)[0].tolist()  # no -0.00
-        return f"({x:.2f}, {y:.2f}, {z:.2f})"
-
-
-def _enclosed(
-    local: _LocalFrame, cloud: Thinned, recipe: BodyRecipe, unless_heap: bool
-) -> Tuple[Standing, Enclosed, Optional[AboveGround]]:
-    """Return the upright points and their body, closed at its lowest points if open below.
-
-    The third is the heap that they are, if any.
-    """
-    floor = recipe.floor
-    if not isinstance(floor, str):
-        floor = float(floor) - float(local.origin[2])
-    standing = stand(local.apply(cloud.points), cloud.counts, floor)
-    share = heap_share(standing)
-    if unless_heap and share is not None:
-        raise HeapFoundError(share, local.heaps(standing))
-    body = _enclose(standing.points, standing.lid, recipe)
-    heap = None if share is None else _heap(standing, body, recipe)
-    if heap is not None:
-        floor_in_frame = local.in_frame(heap.standing.floor)
-        return replace(heap.standing, floor=floor_in_frame), heap.body, heap
-    may_be_completed = recipe.max_gap is None and not recipe.hollow
-    if may_be_completed and is_partly_seen(standing, body, share is not None):
-        cameras = None if recipe.cameras is None else standing.upright(local.apply(recipe.cameras))
-        standing, body = complete(standing, cameras, floor == "auto") or (standing, body)
-    if isinstance(body, Open) and not body.leaks and standing.pose is None and floor == "auto":
-        standing = on_lowest_points(standing)
-        body = _enclose(standing.points, standing.lid, recipe)
-    if isinstance(body, Open):
-        raise InputError(why_open(body.leaks, partial(local.place, standing), recipe))
-    return replace(standing, floor=local.in_frame(standing.floor)), body, None
-
-
-def _heap(
-    standing: Standing, body: Union[Enclosed, Open], recipe: BodyRecipe
-) -> Optional[AboveGround]:
-    """Return a heap as what is above its ground, unless that is not what was asked for.
-
-    A floor that was given need not be where the ground is; a crater that holds water is solid.
-
-    Raises
-    ------
-    InputError
-        It is no more than noise of the ground.
-    """
-    if recipe.floor not in ("auto", "plane") or recipe.max_gap is not None:
-        return None
-    if isinstance(body, Enclosed) and body.water > _ROUNDED * body.within and not body.thin_walled:
-        return None
-    heap = above_ground(standing)
-    if heap is not None and heap.body.within + heap.rest <= 0.0:
-        std = math.hypot(heap.outline_std, heap.sampling_std, heap.base_std)
-        raise InputError(
-            "what stands on the ground is no higher than the ground is uneven: "
-            f"{heap.body.within + heap.rest:.3g} +- {1.96 * std:.3g} m3 above its plane; expected "
-            "a body; give the elevation of its floor (--floor Z), or photograph it from nearer"
-        )
-    return heap
-
-
-def _enclose(points: FloatArray, lid: FloatArray, recipe: BodyRecipe) -> Union[Enclosed, Open]:
-    return enclose(points, lid=lid, hollow=recipe.hollow, max_gap=recipe.max_gap)
-
-
 def _estimate(
-    standing: Standing,
-    body: Enclosed,
-    recipe: BodyRecipe,
-    foot: Optional[Foot],
-    merged: Optional[Merged],
+    found: Found, recipe: BodyRecipe, foot: Optional[Foot], merged: Optional[Merged]
 ) -> Estimate:
     """Return the volume within the surface and its error, from all points and from some.
 
     Above the foot, where there is one: fewer points tell less of what is narrow there.
     """
+    body = found.body
     own = body if foot is None else _above(body, foot.top)
     for every in RESAMPLED if body.unseen is None else ():
-        some = standing.points[::every]
-        again = _enclose(some, standing.lid, recipe) if len(some) >= _FEWEST_AGAIN else Open(())
+        again = found.by_some(recipe, every)
         if isinstance(again, Enclosed) and is_same_body(body, again):
             if foot is None:
                 return estimate(body, again, every, merged=merged)
@@ -404,7 +270,7 @@ def _slices(
 
 
 def _drawn(
-    local: _LocalFrame,
+    local: LocalFrame,
     standing: Standing,
     body: Enclosed,
     edges: FloatArray,

@@ -15,7 +15,7 @@ from scipy.ndimage import binary_dilation, distance_transform_edt, label
 from scipy.spatial import cKDTree
 
 from ...types import FloatArray, IntArray
-from .spacing import spacings
+from .spacing import PROCESSORS, spacings
 
 __all__ = ["Occupancy", "cover", "occupancy_volume"]
 
@@ -94,7 +94,8 @@ def _distances(
     near = distance_transform_edt(empty) <= reach / cell + 1.0
     away = np.full(empty.shape, np.inf)
     middles = low + (np.argwhere(near) + 0.5) * cell
-    away[near] = cKDTree(points).query(middles, distance_upper_bound=reach)[0]
+    tree = cKDTree(points)
+    away[near] = tree.query(middles, distance_upper_bound=reach, workers=PROCESSORS)[0]
     return away
 
 

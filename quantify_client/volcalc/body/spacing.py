@@ -10,7 +10,10 @@ from scipy.spatial import cKDTree
 
 from ...types import FloatArray
 
-__all__ = ["is_far", "is_outlier", "nearness", "spacings"]
+__all__ = ["PROCESSORS", "is_far", "is_outlier", "nearness", "spacings"]
+
+#: That neighbours are looked for on, where there are so many.
+PROCESSORS = 2
 
 #: Far enough that two points by chance together do not matter, near enough to be local.
 _NEIGHBOUR = 6
@@ -29,7 +32,7 @@ def spacings(points: FloatArray) -> FloatArray:
     points : (N, 3) float64, metres.
     """
     nth = min(_NEIGHBOUR + 1, len(points))
-    away: FloatArray = cKDTree(points).query(points, [nth])[0][:, 0]
+    away: FloatArray = cKDTree(points).query(points, [nth], workers=PROCESSORS)[0][:, 0]
     return away
 
 
@@ -42,7 +45,7 @@ def nearness(points: FloatArray) -> Tuple[float, float]:
     """
     if len(points) < 4:
         return 1.0, 1.0
-    away = cKDTree(points).query(points, [2, 3, 4])[0]
+    away = cKDTree(points).query(points, [2, 3, 4], workers=PROCESSORS)[0]
     ratios = away[:, :2] / np.maximum(away[:, 1:], np.finfo(float).tiny)
     first, second = ratios.mean(axis=0).tolist()
     return first, second

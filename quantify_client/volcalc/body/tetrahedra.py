@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay
@@ -30,8 +31,9 @@ _FLAT = 1e-6
 _MOST_STEPS = 100
 _WITHIN = 1e-9
 
-#: Corners of a tetrahedron that face 0, 1, 2 and 3 (opposite of that corner) has.
-_FACES = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
+#: Corners of a tetrahedron that face 0, 1, 2 and 3 (opposite of that corner) has, counter-clockwise
+#: seen from outside where its volume is positive, clockwise where it is negative.
+_FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 
 
 @dataclass(frozen=True)
@@ -142,19 +144,20 @@ def tetrahedralize(points: FloatArray) -> Tetrahedra:
     delaunay = Delaunay(points)
     corners = delaunay.simplices.astype(np.int64)
     a, b, c, d = (points[corners[:, i]] for i in range(4))
-    volume = np.abs(_sixfold(b - a, c - a, d - a)) / 6.0
-    first, second, faces, area = _faces(points, corners, delaunay.neighbors.astype(np.int64))
+    volume = _sixfold(b - a, c - a, d - a) / 6.0
+    first, second, faces = _faces(corners, delaunay.neighbors, volume < 0.0)
+    area, width = _sizes(points, faces)
     return Tetrahedra(
         points=points,
         moved=moved,
         spacing=spacing,
         corners=corners,
-        volume=np.append(volume, 0.0),
+        volume=np.append(np.abs(volume), 0.0),
         first=first,
         second=second,
         faces=faces,
         area=area,
-        width=_widths(points, faces, area),
+        width=width,
         _delaunay=delaunay,
     )
 
@@ -172,20 +175,21 @@ def _refuse_flat(points: FloatArray) -> None:
 
 
 def _faces(
-    points: FloatArray, corners: IntArray, neighbors: IntArray
-) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
-    """Return each face once: its two tetrahedra, its points and its area."""
+    corners: IntArray, neighbors: npt.NDArray[np.int32], turned: npt.NDArray[np.bool_]
+) -> tuple[IntArray, IntArray, IntArray]:
+    """Return each face once: its two tetrahedra, and its points.
+
+    Parameters
+    ----------
+    neighbors : (M, 4) the tetrahedron beyond each face, -1 for the space around.
+    turned : (M,) True for tetrahedra of negative volume.
+    """
     count = len(corners)
-    first = np.repeat(np.arange(count), 4)
-    second = np.where(neighbors < 0, count, neighbors).ravel()
-    once = np.flatnonzero(first < second)
-    first, second, opposite = first[once], second[once], once % 4
-    faces = corners[first[:, None], _FACES[opposite]]
-    normals = face_normals(points, faces)
-    inside = points[corners[first, opposite]] - points[faces[:, 0]]
-    turned = np.einsum("ij,ij->i", normals, inside) > 0.0
-    faces[turned] = faces[turned, ::-1]
-    return first, second, faces, 0.5 * np.linalg.norm(normals, axis=1)
+    beyond = np.where(neighbors < 0, count, neighbors)
+    first, opposite = np.nonzero(beyond > np.arange(count)[:, None])
+    faces = np.take_along_axis(corners[first], _FACES[opposite], axis=1)
+    faces[turned[first]] = faces[turned[first], ::-1]
+    return first, beyond[first, opposite].astype(np.int64), faces
 
 
 def face_normals(points: FloatArray, faces: IntArray) -> FloatArray:
@@ -205,12 +209,15 @@ def connected(first: IntArray, second: IntArray, count: int) -> IntArray:
     return np.asarray(connected_components(links, directed=False)[1], np.int64)
 
 
-def _widths(points: FloatArray, faces: IntArray, area: FloatArray) -> FloatArray:
-    """(F,) diameters of the smallest circles round triangles."""
-    a, b, c = (points[faces[:, i]] for i in range(3))
-    squares = [np.einsum("ij,ij->i", d, d) for d in (b - a, c - b, a - c)]
+def _sizes(points: FloatArray, faces: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return (F,) areas of triangles, and diameters of the smallest circles round them."""
+    a, b, c = (points.take(faces[:, i], axis=0) for i in range(3))
+    sides = b - a, c - a, c - b
+    normal = np.cross(sides[0], sides[1])
+    squares = [np.einsum("ij,ij->i", side, side) for side in sides]
+    doubled = np.sqrt(np.einsum("ij,ij->i", normal, normal))
     longest = np.maximum(np.maximum(squares[0], squares[1]), squares[2])
     product = np.sqrt(squares[0] * squares[1] * squares[2])
-    around = product / np.maximum(2.0 * area, np.finfo(float).tiny)
+    around = product / np.maximum(doubled, np.finfo(float).tiny)
     obtuse = 2.0 * longest >= squares[0] + squares[1] + squares[2]
-    return np.asarray(np.where(obtuse, np.sqrt(longest), around))
+    return 0.5 * doubled, np.asarray(np.where(obtuse, np.sqrt(longest), around))
