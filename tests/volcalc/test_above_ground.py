@@ -10,7 +10,7 @@ import pytest
 from scans import OFFSET, volume_of
 
 from quantify_client.errors import InputError
-from quantify_client.volcalc.body import measure
+from quantify_client.volcalc.body import find
 from quantify_client.volcalc.body.above_ground import AboveGround, above_ground
 from quantify_client.volcalc.body.floor import Standing, stand
 
@@ -45,7 +45,7 @@ def test_what_is_no_higher_than_noise_is_refused(monkeypatch: pytest.MonkeyPatch
         heap = above_ground(standing)
         return heap and replace(heap, rest=-VOLUME)
 
-    monkeypatch.setattr(measure, "above_ground", below_the_ground)
+    monkeypatch.setattr(find, "above_ground", below_the_ground)
     with pytest.raises(InputError, match="no higher than the ground is uneven: -[0-9.]+ .- "):
         volume_of(flat_cone(10_000, 0.03) + OFFSET)
 
