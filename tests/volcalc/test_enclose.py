@@ -52,18 +52,28 @@ def test_the_skin_is_as_thick_as_the_noise(noise):
     assert thin < 0.0005
 
 
-def test_points_that_the_surface_misses_count_by_how_far_they_are_from_it():
+@pytest.mark.parametrize("thickness", [0.0, 0.02, 0.03])
+def test_a_wall_that_the_points_do_not_enclose_is_told_by_how_thick_it_is(thickness):
     rng = np.random.default_rng(2)
-    away = np.column_stack([np.full(500, 0.75), *rng.uniform(-0.2, 0.2, (2, 500))])
-    found = enclose(np.vstack([scanned(SPHERE, 5000), away]), hollow=False, max_gap=None)
-    assert len(found.apart) == 500
-    expected = (np.linalg.norm(away, axis=1) - 0.5).sum() / 5500 * SPHERE.area
-    assert found.missed == pytest.approx(expected, rel=0.02)
-    assert enclosed(SPHERE, 5000).missed < 1e-4 * SPHERE.volume
-    assert enclosed(SPHERE, 5000, noise=0.01).missed < 1e-3 * SPHERE.volume
-    # A point stands for no more than twice its share of the volume.
-    found = enclose(np.vstack([scanned(SPHERE, 5000), 3 * away]), hollow=False, max_gap=None)
-    assert found.missed == pytest.approx(2 * 500 / 5500 * SPHERE.volume, rel=0.02)
+    sides = np.column_stack([np.full(600, 0.75), *rng.uniform(-0.2, 0.2, (2, 600))])
+    sides[:, 0] += rng.choice([-0.5, 0.5], 600) * thickness
+    found = enclose(np.vstack([scanned(SPHERE, 5000), sides]), hollow=False, max_gap=None)
+    assert len(found.apart) == 600
+    assert found.walls == pytest.approx(0.4**2 * thickness, rel=0.2, abs=1e-4)
+    assert found.clefts < 1e-4
+    for noise, least in ((0.0, 1e-4), (0.01, 1e-3)):
+        whole = enclosed(SPHERE, 5000, noise=noise)
+        assert whole.walls + whole.clefts < least * SPHERE.volume
+
+
+def test_noise_of_a_single_sheet_may_be_no_wall():
+    rng = np.random.default_rng(2)
+    sheet = np.column_stack([np.full(600, 0.75), *rng.uniform(-0.2, 0.2, (2, 600))])
+    sheet += 0.01 * rng.standard_normal(sheet.shape)
+    ball = scanned(SPHERE, 5000, noise=0.01)
+    found = enclose(np.vstack([ball, sheet]), hollow=False, max_gap=None)
+    assert found.walls > 0.003  # 2 sigma of 0.16 m2
+    assert found.sheets > 0.5
 
 
 @pytest.mark.parametrize("hollow", [False, True])

@@ -54,10 +54,16 @@ def test_thin_walls_hold_too_much_by_how_deep_their_points_are_buried() -> None:
     assert sheet.volume < 1.96 * sheet.outline_std
 
 
-def test_points_that_the_surface_misses_make_the_interval_wide() -> None:
-    found = estimate(replace(BODY, missed=10.0), None, 1)
-    assert found.volume == pytest.approx(99.0)
-    assert found.sampling_std == pytest.approx(5.0)
+def test_what_is_too_narrow_for_the_points_is_added_and_taken_away_in_part() -> None:
+    found = estimate(replace(BODY, walls=4.0), None, 1)
+    assert found.volume == pytest.approx(99.0 + 3.0)
+    assert found.sampling_std == pytest.approx(1.4)
+    found = estimate(replace(BODY, clefts=4.0), None, 1)
+    assert found.volume == pytest.approx(99.0 - 2.0)
+    assert found.sampling_std == pytest.approx(1.4)
+    sheet = estimate(replace(BODY, walls=4.0, sheets=1.0), None, 1)
+    assert sheet.volume == pytest.approx(99.0 + 1.5)
+    assert sheet.sampling_std == pytest.approx(np.hypot(1.4, 1.5))
 
 
 def test_other_walls_tell_nothing() -> None:

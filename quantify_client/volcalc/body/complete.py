@@ -21,7 +21,7 @@ from .enclose import APART, SHEET, Enclosed, Open, Unseen, enclosed_by
 from .estimate import hidden_volume
 from .floor import Standing, on_lowest_points
 from .foot import find_foot, unseen_share
-from .going_on import going_on, one_each
+from .going_on import going_on, grid_between, one_each
 from .spaces import Spaces, border_faces, gaps_of, open_faces
 from .spacing import spacings
 from .tetrahedra import Tetrahedra, connected, tetrahedralize
@@ -68,15 +68,15 @@ _CERTAIN = 2
 
 #: Share of the larger completion in the volume: true volumes lie nearer to the smaller one
 #: (calibrated, method.md).
-_OF_LARGER = 0.4
+_OF_LARGER = 0.33
 
-_LID, _GHOST = 1, 2  # kinds of points: from ghosts on surfaces are unseen
+_LID, _GHOST, _GRID = 1, 2, 4  # kinds of points: from ghosts on surfaces are unseen
 
 #: Standard deviation of the volume, as a share of what the completions differ by: 0.29 if it were
 #: anything between them, and nothing else; and of the unseen share of the surface times the volume,
 #: as two completions may agree by chance.
-_OF_SPREAD = 0.4
-_OF_SHARE = 0.09
+_OF_SPREAD = 0.36
+_OF_SHARE = 0.03
 
 #: A surface is partly seen where a larger share of it is lids over openings, a larger share of the
 #: volume lies below what was seen, where no upright foot goes on, or a larger share of its points
@@ -155,8 +155,9 @@ def complete(
     ghosts = [
         going_on(points[known], normals[known], step, lid, is_empty, curved) for curved in _CURVED
     ]
-    space = tetrahedralize(np.vstack([points, lid, *ghosts]))
-    kind = np.repeat(np.arange(4), [len(points), len(lid), *map(len, ghosts)])
+    grid = grid_between(np.vstack([points, lid]), step / _NEXT, is_empty)
+    space = tetrahedralize(np.vstack([points, lid, *ghosts, grid]))
+    kind = np.repeat(np.arange(5), [len(points), len(lid), *map(len, ghosts), len(grid)])
     sure, low = _seen_empty(space, len(points), views, unsure)
     cuts = _cuts(space, kind, sure, low, normals, known)
     bodies = [_without_sheets(space, matter, step) for matter in cuts]
@@ -345,7 +346,10 @@ def _cuts(
     box = float(np.prod(np.ptp(space.points[:count], axis=0)))
     pressed = _PRESSURE * space.volume[: space.around] / max(box, spacing**3) ** (1 / 3)
     result = []
-    for seen, dear, blown_up in ((sure, [_GHOST], True), (sure + low, [_LID, _GHOST + 1], False)):
+    for seen, dear, blown_up in (
+        (sure, [_GHOST, _GRID], True),
+        (sure + low, [_LID, _GHOST + 1, _GRID], False),
+    ):
         as_outside = np.asarray(_BESIDE * square * np.minimum(behind, _ENOUGH))
         as_matter = square * (
             _SEEN_THROUGH * np.minimum(seen[0], _ENOUGH)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Optional, Sequence, Union
+from typing import Optional, Sequence, Tuple, Union
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +13,7 @@ from ...types import FloatArray, Gap, IntArray
 from .buried import depths
 from .hollows import water_levels
 from .sections import BodySurface, surface_of
-from .spaces import Spaces, border_faces, find_pockets, find_spaces, open_faces
+from .spaces import OPEN, Spaces, border_faces, find_pockets, find_spaces, open_faces
 from .tetrahedra import Tetrahedra, connected, tetrahedralize
 
 __all__ = ["APART", "SHEET", "Enclosed", "Open", "Unseen", "enclose", "enclosed_by"]
@@ -84,7 +84,9 @@ class Enclosed:
     unseen : of a body that was completed; else None.
     buried : of thin walls, mean depth of their points below the surface times its area, cubic
         metres.
-    missed : of other bodies, the same of points on neither side of it, beyond the depth of noise.
+    walls, clefts : of other bodies, what is too narrow for the points to enclose it, or to leave it
+        out, cubic metres.
+    sheets : share of these that may be no more than noise of single sheets.
     moved : what the surface encloses more as its points were moved a little, cubic metres.
     """
 
@@ -103,7 +105,9 @@ class Enclosed:
     apart: IntArray
     unseen: Optional[Unseen] = None
     buried: float = 0.0
-    missed: float = 0.0
+    walls: float = 0.0
+    clefts: float = 0.0
+    sheets: float = 0.0
     moved: float = 0.0
 
     @property
@@ -147,7 +151,8 @@ def enclose(
     body = enclosed_by(space, spaces, hollow=hollow, thin_walled=thin_walled)
     if thin_walled:
         return replace(body, buried=_buried(space, spaces, body))
-    return replace(body, missed=_missed(space, len(points), spaces, body))
+    walls, clefts, sheets = _missed(space, len(points), spaces, body)
+    return replace(body, walls=walls, clefts=clefts, sheets=sheets)
 
 
 def enclosed_by(
@@ -258,19 +263,30 @@ def _buried(space: Tetrahedra, spaces: Spaces, body: Enclosed) -> float:
     return float(depth.mean()) * body.surface.area() if len(depth) else 0.0
 
 
-def _missed(space: Tetrahedra, count: int, spaces: Spaces, body: Enclosed) -> float:
-    """Return how far the first points are from all surfaces, beyond noise, times the area, m3.
+def _missed(
+    space: Tetrahedra, count: int, spaces: Spaces, body: Enclosed
+) -> Tuple[float, float, float]:
+    """Return the volumes of walls and of clefts that are too narrow for the points, m3.
 
-    Its walls are too thin there, or a part of it encloses nothing, for points as sparse as these. A
-    point stands for no more than twice its share of the volume.
+    Of the first points those that are far from all surfaces, beyond noise, lie on them. Space as
+    narrow as the gaps between points is theirs as far as its corners are: a wall outside of matter,
+    a cleft within.
     """
     matter = spaces.depth[spaces.number] % 2 == 1
     surface = surface_of(space, np.where(matter, np.inf, -np.inf))
     off = np.ones(len(space.points), dtype=bool)
     off[surface.number] = False
-    depth = depths(space.points[:count][off[:count]], surface)
-    beyond = np.maximum(depth * body.surface.area() - _NOISE * body.skin, 0.0)
-    return float(np.minimum(beyond, 2.0 * body.within).sum()) / count
+    off[count:] = False
+    off[off] = depths(space.points[off], surface) * body.surface.area() > _NOISE * body.skin
+    of_noise = 2.0 * body.skin * float(off.sum()) / count
+    share = off[space.corners].mean(axis=1)
+    near = np.flatnonzero(share >= 0.5)  # single points are what few of noise are
+    gap = OPEN * space.spacing[space.corners[near]].max(axis=1)
+    near = near[space.widest()[near] < gap]
+    own = space.volume[near]
+    wall = ~matter[near]
+    walls, clefts = float(own[wall].sum()), float(own[~wall].sum())
+    return walls, clefts, min(1.0, of_noise / max(walls + clefts, float(np.finfo(float).tiny)))
 
 
 def _is_sheet(space: Tetrahedra, matter: npt.NDArray[np.bool_], spacing: float) -> bool:

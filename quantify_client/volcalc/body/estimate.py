@@ -18,8 +18,8 @@ it moves the volume the less the more points there are.
 
 How much facets cut off is known for points at random and for even ones, each to a few percent.
 Vertices of marching cubes and scan lines are neither: how far points are from both tells how wrong
-the facets may be. Where walls are too thin for the points, surfaces pass by some of them
-(`Enclosed.missed`), and as much is uncertain.
+the facets may be. Walls too thin for the points are not enclosed, and clefts as narrow are not left
+out: most of the one and half of the other is added and taken away.
 
 Two more parts were not seen at all: what lies below the lowest section (`hidden_volume`) and how
 the surface goes on over openings that were closed (openings.py).
@@ -101,8 +101,11 @@ _MOST_NEITHER = 4.0 / 27.0
 _RATIOS_AT_RANDOM = (2.0 / 3.0, 4.0 / 5.0)
 _SHORT = 0.1
 
-#: Of what points are missed by: walls that are too thin for them, parts that enclose nothing.
-_OF_MISSED = 0.5
+#: Of walls and of clefts that are too narrow for the points: what is added and taken away, and the
+#: standard deviation. What may be no more than noise of single sheets is there or not: half of it.
+_OF_WALLS = 0.75
+_OF_CLEFTS = 0.5
+_OF_NARROW = 0.35
 
 #: As shares of the correction for noise, of half the skin over the root of the number of points,
 #: of half the skin beyond what clean edges make of it (about what facets cut off) where noise is in
@@ -168,10 +171,12 @@ def estimate(
     deep = _TOO_DEEP * pattern.means if merged is None else _depth_of(merged, found)
     either = _TOO_DEEP * pattern.either if merged is None else 0.0
     noise = _noise(body, again, found, kept, pattern)
+    narrow = _OF_WALLS * body.walls - _OF_CLEFTS * body.clefts
+    unsure = 0.5 * body.sheets
     side = math.sqrt(found.coarseness / 3.0)
     area = max(found.area, float(np.finfo(float).tiny))
     return Estimate(
-        volume=body.within - body.moved + kept + deep * kept + noise,
+        volume=body.within - body.moved + kept + deep * kept + noise + (1.0 - unsure) * narrow,
         sampling_std=math.hypot(
             _OF_FACETS * kept,
             _OF_CURVATURE * abs(found.curvature) * side / area * kept,
@@ -179,7 +184,8 @@ def estimate(
             _OF_EDGES * found.along_share * found.whole,
             math.hypot(_OF_DEPTH * deep, either) * kept,
             _OF_NEITHER * pattern.neither * kept,
-            _OF_MISSED * body.missed,
+            _OF_NARROW * math.hypot(body.walls, body.clefts),
+            unsure * narrow,
         ),
         outline_std=math.hypot(
             _OF_NOISE * noise,

@@ -1,4 +1,4 @@
-"""How a surface goes on where nobody saw it: points along arcs from its boundary.
+"""How a surface may go on where nobody saw it: points along arcs from its boundary, and a grid.
 
 A point is on the boundary where its neighbours leave a wide angle free. From there the surface goes
 on as it curves before it: along a circle whose curvature is that of a paraboloid fitted to the
@@ -6,7 +6,9 @@ neighbours. An arc ends where it meets the floor, another surface, or space that
 empty. Whether the body ends there is decided later (`cut`): surfaces that meet close it at little
 cost, those that lead nowhere do not.
 
-Ghosts of what was seen as candidates for what was not: Chauve, Labatut and Pons 2010.
+Ghosts of what was seen as candidates for what was not: Chauve, Labatut and Pons 2010. Where neither
+is, a surface can run nowhere: space there is one long tetrahedron from each side to the other. A
+grid divides it (the helper points of AliceVision's meshing).
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ from scipy.spatial import cKDTree
 from ...types import FloatArray, IntArray
 from .facets import unit
 
-__all__ = ["going_on", "one_each"]
+__all__ = ["going_on", "grid_between", "one_each"]
 
 _NEIGHBOURS = 24  # of a point, that leave an angle free
 
@@ -41,6 +43,11 @@ _CURVED = 4.0
 _STEPS = 40
 _CLEAR = 0.7  # of a spacing, distance of another surface at which an arc ends
 _APART = 0.8  # of a spacing, side of cubes that keep one point each
+
+#: Side of the grid, in spacings (to the sixth neighbour), and how far from all points it begins, as
+#: a share of that: farther than a surface tells of what is behind it.
+_GRID = 2.0
+_AWAY = 0.7
 
 
 def going_on(
@@ -93,6 +100,25 @@ def going_on(
             break
         found.append(place)
     return one_each(np.vstack(found), _APART * spacing) if found else np.empty((0, 3))
+
+
+def grid_between(
+    points: FloatArray, spacing: float, is_empty: Callable[[FloatArray], npt.NDArray[np.bool_]]
+) -> FloatArray:
+    """(K, 3) points of a grid in the box round points, where nobody saw.
+
+    Parameters
+    ----------
+    points : (N, 3) of the surface and its floor, metres.
+    spacing : of the surface's points, to their sixth neighbours, metres.
+    is_empty : tells of points (M, 3) which are in space that was seen to be empty.
+    """
+    step = _GRID * spacing
+    low, high = points.min(axis=0), points.max(axis=0)
+    axes = [np.arange(start + step, end, step) for start, end in zip(low, high)]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    grid = grid[cKDTree(points).query(grid)[0] > _AWAY * step]
+    return np.asarray(grid[~is_empty(grid)])
 
 
 def _boundary(points: FloatArray, normals: FloatArray) -> Tuple[IntArray, FloatArray]:
