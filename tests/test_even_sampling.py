@@ -15,6 +15,7 @@ from solids import even_vectors
 from quantify_client.volcalc.body import estimate
 from quantify_client.volcalc.body.facets import facets_of
 from quantify_client.volcalc.body.sections import BodySurface
+from quantify_client.volcalc.body.spacing import Nearness
 
 # Arithmetic of arrays: no different on a second Python.
 pytestmark = pytest.mark.one_python
@@ -73,6 +74,15 @@ def test_voxels(form, noise):
     holds(in_voxels(points + noise * rng.normal(size=points.shape), 0.04), truth, rng, 0.004)
 
 
+@pytest.mark.parametrize("place", [0.0, 0.004, 0.01, 0.017])
+@pytest.mark.parametrize("sides", [(1.0, 1.0, 1.0), (1.0, 0.6, 0.3)])
+def test_voxels_along_faces(place, sides):
+    """Edges lie anywhere within voxels, and means tell nothing of it: z was up to 12."""
+    rng = np.random.default_rng(8)
+    points = cube(200_000, rng) * sides + place
+    holds(in_voxels(points, 0.04), math.prod(sides), rng, 0.004, sigmas=2.2)
+
+
 @pytest.mark.parametrize("form", FORMS)
 def test_least_distance(form):
     rng = np.random.default_rng(9)
@@ -106,7 +116,7 @@ def test_scan_lines(form):
     make, truth = FORMS[form]
     points = make(300_000, rng)
     height = points @ np.array([0.6, 0.0, 0.8]) / 0.08
-    holds(apart(points[np.abs(height - np.round(height)) < 0.05], 0.016), truth, rng, 0.016)
+    holds(apart(points[np.abs(height - np.round(height)) < 0.05], 0.016), truth, rng, 0.025)
 
 
 def test_means_of_many_points():
@@ -212,6 +222,6 @@ def test_of_points_in_groups_facets_are_known_less_well(monkeypatch, ratios):
     """As of vertices of marching cubes, however coarse the triangles of a third of them are."""
     points, alone = small_ball()
     facets = math.pi / 6.0 - ConvexHull(points).volume
-    monkeypatch.setattr(estimate, "nearness", lambda _: ratios)
+    monkeypatch.setattr(estimate, "nearness", lambda _: Nearness(*ratios, 6 / 7, 0.01))
     more = math.sqrt(sampling_std(points) ** 2 - alone**2)
-    assert more == pytest.approx(0.9 * 4 / 27 * facets, rel=0.1)
+    assert more == pytest.approx(0.6 * 4 / 27 * facets, rel=0.1)

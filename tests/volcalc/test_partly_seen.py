@@ -161,8 +161,8 @@ def test_coverage_is_what_docs_say_it_is(cameras: int) -> None:
     told = next(one.values for one in result.warnings if one.code == "surface-completed")
     low, high = told["low_m3"], told["high_m3"]
     coverage = next(one.std_m3 for one in result.budget if one.source == "coverage")
-    of_volume = 0.03 * told["share"] * (0.67 * low + 0.33 * high)
-    assert coverage == pytest.approx(np.hypot(0.36 * (high - low), of_volume), rel=1e-9)
+    of_volume = 0.06 * told["share"] * (0.67 * low + 0.33 * high)
+    assert coverage == pytest.approx(np.hypot(0.3 * (high - low), of_volume), rel=1e-9)
 
 
 @pytest.mark.one_python
@@ -182,8 +182,8 @@ def test_what_may_be_under_a_slab_that_no_camera_saw_is_bounded() -> None:
     ground = ground[(np.abs(ground[:, :2]) > 0.5).any(axis=1)]
     result = volume_of(np.vstack([points, ground]) + OFFSET)
     told = next(one.values for one in result.warnings if one.code == "surface-completed")
-    assert 0.9 * volume < told["low_m3"] < 1.2 * volume
-    assert told["high_m3"] > volume + 0.5 * (0.7 * 1.0 * 0.3)
+    assert 0.8 * volume < told["low_m3"] < 1.1 * volume
+    assert told["high_m3"] > volume + 0.4 * (0.7 * 1.0 * 0.3)
     assert abs(result.volume_m3 - volume) < 2.6 * result.std_m3
     assert told["low_m3"] < result.volume_m3 < told["high_m3"]
 

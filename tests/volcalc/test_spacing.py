@@ -76,13 +76,12 @@ def test_neighbours_tell_how_points_lie():
     """At random the ratios are known in closed form; on a grid all neighbours are as near."""
     rng = np.random.default_rng(3)
     flat = np.column_stack([rng.random((40_000, 2)), np.zeros(40_000)])
-    assert nearness(flat + OFFSET) == pytest.approx((2 / 3, 4 / 5), abs=0.004)
+    assert nearness(flat + OFFSET) == pytest.approx((2 / 3, 4 / 5, 6 / 7, 0.01), abs=0.004)
     x, y = np.meshgrid(np.arange(50.0), np.arange(50.0))
     grid = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
-    assert nearness(grid) == pytest.approx((1.0, 1.0), abs=0.01)
+    assert nearness(grid) == pytest.approx((1.0, 1.0, 1.0, 1.0), abs=0.03)
     pairs = np.vstack([flat[::2], flat[::2] + [1e-5, 0.0, 0.0]])
-    first, second = nearness(pairs)
-    assert first < 0.1
-    assert second > 0.8
+    assert nearness(pairs).first < 0.1
+    assert nearness(pairs).second > 0.8
     threes = np.vstack([pairs, flat[::2] - [1e-5, 0.0, 0.0]])
-    assert nearness(threes)[1] < 0.1
+    assert nearness(threes).second < 0.1

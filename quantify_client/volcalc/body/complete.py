@@ -75,8 +75,8 @@ _LID, _GHOST, _GRID = 1, 2, 4  # kinds of points: from ghosts on surfaces are un
 #: Standard deviation of the volume, as a share of what the completions differ by: 0.29 if it were
 #: anything between them, and nothing else; and of the unseen share of the surface times the volume,
 #: as two completions may agree by chance.
-_OF_SPREAD = 0.36
-_OF_SHARE = 0.03
+_OF_SPREAD = 0.3
+_OF_SHARE = 0.06
 
 #: A surface is partly seen where a larger share of it is lids over openings, a larger share of the
 #: volume lies below what was seen, where no upright foot goes on, or a larger share of its points

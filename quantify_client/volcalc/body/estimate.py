@@ -37,7 +37,7 @@ from ...types import FloatArray
 from .enclose import Enclosed
 from .facets import Facets, facets_of
 from .floor import Standing
-from .spacing import nearness
+from .spacing import Nearness, nearness
 from .voxels import Merged
 
 __all__ = ["RESAMPLED", "Estimate", "area_of_foot", "estimate", "hidden_volume", "is_same_body"]
@@ -74,6 +74,11 @@ _OF_LEAST_DISTANCE = 0.9
 _AT_RANDOM = 0.7
 _OF_FEWEST_MEANS = 0.8
 
+#: Third by fourth distance of means of voxels, at most, and of means of voxels along flat faces, at
+#: least. Of grids that are more regular than means half the points have equal distances.
+_OF_ROWS = (0.925, 0.95)
+_OF_GRID = 0.5
+
 #: What means of voxels lie too deep by, as a share of the facets.
 _TOO_DEEP = 0.5
 
@@ -82,12 +87,16 @@ _TOO_DEEP = 0.5
 #: points along them, of what voxels' means lie too deep by; where points are neither at random nor
 #: even. Most likely for errors of bodies and meshes of known volume, or a little more
 #: (docs/method.md).
-_OF_FACETS = 0.025
-_OF_CURVATURE = 0.2
+_OF_FACETS = 0.02
+_OF_CURVATURE = 0.16
 _OF_DIFFERENCE = 0.14
-_OF_EDGES = 0.066
-_OF_DEPTH = 0.12
-_OF_NEITHER = 0.9
+_OF_EDGES = 0.06
+_OF_DEPTH = 0.1
+_OF_NEITHER = 0.6
+
+#: Where faces lie along voxels, it is unknown where within these their edges do: a standard
+#: deviation as a share of the facets, too (measured).
+_OF_UNKNOWN_EDGES = 0.3
 
 #: Of points at random, e is less than 0 by this over the root of their number on average (edges
 #: chamfer), and has that standard deviation: measured (docs/method.md).
@@ -184,6 +193,7 @@ def estimate(
             _OF_EDGES * found.along_share * found.whole,
             math.hypot(_OF_DEPTH * deep, either) * kept,
             _OF_NEITHER * pattern.neither * kept,
+            _OF_UNKNOWN_EDGES * pattern.in_rows * kept,
             _OF_NARROW * math.hypot(body.walls, body.clefts),
             unsure * narrow,
         ),
@@ -221,12 +231,14 @@ class _Pattern:
     even : from 0, at random, to 1, evenly spaced.
     neither : how little even and random points tell of these.
     of_voxels : from 0, a least distance apart, to 1, means of voxels.
+    in_rows : from 0 to 1, means of voxels along flat faces.
     """
 
     ratio: float
     even: float
     neither: float
     of_voxels: float
+    in_rows: float
 
     @classmethod
     def of(
@@ -241,12 +253,14 @@ class _Pattern:
 
         Where some are too few to find the body, how near the nearest points are tells of it.
         """
-        ratios = nearness(points)
-        of_voxels = _of_voxels(ratios[0])
-        short = max(at_random - own for at_random, own in zip(_RATIOS_AT_RANDOM, ratios)) / _SHORT
+        near = nearness(points)
+        of_voxels = _of_voxels(near.first)
+        short = max(at_random - own for at_random, own in zip(_RATIOS_AT_RANDOM, near)) / _SHORT
+        in_groups = min(1.0, max(0.0, short))
+        in_rows = _in_rows(near) * (1.0 - in_groups)
         if again is None:
-            even = _even(ratios[0]) * (1.0 - min(1.0, max(0.0, short)))
-            return cls(math.inf, even, _MOST_NEITHER, of_voxels)
+            even = _even(near.first) * (1.0 - in_groups)
+            return cls(math.inf, even, _MOST_NEITHER, of_voxels, in_rows)
         ratio = facets_of(again.surface, again.patches, above).coarseness / found.coarseness
         even = min(1.0, (ratio / every - 1.0) / (_EVEN[every] - 1.0))
         chance = _CHANCE / math.sqrt(max(1, len(points)))
@@ -257,6 +271,7 @@ class _Pattern:
             even=max(0.0, even),
             neither=min(_MOST_NEITHER, neither),
             of_voxels=of_voxels,
+            in_rows=in_rows,
         )
 
     @property
@@ -297,6 +312,13 @@ def _of_voxels(nearest: float) -> float:
     """Return whether evenly spaced points are means of voxels, 1, or keep a least distance, 0."""
     share = (_OF_LEAST_DISTANCE - nearest) / (_OF_LEAST_DISTANCE - _OF_VOXELS)
     return min(1.0, max(0.0, share))
+
+
+def _in_rows(near: Nearness) -> float:
+    """Return whether points are means of voxels along faces, 1: nearly a grid, and none."""
+    start, end = _OF_ROWS
+    rows = min(1.0, max(0.0, (near.third - start) / (end - start)))
+    return rows * (1.0 - min(1.0, near.equal / _OF_GRID))
 
 
 def _even(nearest: float) -> float:

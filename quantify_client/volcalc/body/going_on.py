@@ -17,7 +17,7 @@ from typing import Callable, Tuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull, cKDTree
 
 from ...types import FloatArray, IntArray
 from .facets import unit
@@ -118,6 +118,9 @@ def grid_between(
     axes = [np.arange(start + step, end, step) for start, end in zip(low, high)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     grid = grid[cKDTree(points).query(grid)[0] > _AWAY * step]
+    for *normal, offset in ConvexHull(points).equations:
+        margin = 0.0 if normal[2] < -0.9 else step
+        grid = grid[grid @ normal < -offset - margin]
     return np.asarray(grid[~is_empty(grid)])
 
 

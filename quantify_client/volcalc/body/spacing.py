@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Tuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -10,13 +10,16 @@ from scipy.spatial import cKDTree
 
 from ...types import FloatArray
 
-__all__ = ["PROCESSORS", "is_far", "is_outlier", "nearness", "spacings"]
+__all__ = ["PROCESSORS", "Nearness", "is_far", "is_outlier", "nearness", "spacings"]
 
 #: That neighbours are looked for on, where there are so many.
 PROCESSORS = 2
 
 #: Far enough that two points by chance together do not matter, near enough to be local.
 _NEIGHBOUR = 6
+
+_FOURTH = 4  # neighbours that tell how evenly points are spaced
+_EQUAL = 0.995  # ratio of distances that are the same
 
 #: The sixth neighbour of an outlier is this many times farther than that of nine points in ten. A
 #: cloud ten times denser at one end than at the other stays below 2, the tails of noise below 3.
@@ -36,19 +39,33 @@ def spacings(points: FloatArray) -> FloatArray:
     return away
 
 
-def nearness(points: FloatArray) -> Tuple[float, float]:
-    """Return the mean ratios of the nearest to the second, and of that to the third distance.
+class Nearness(NamedTuple):
+    """How far the nearest points are from each other, on average.
 
-    2/3 and 4/5 for points at random on a surface, 1 on a grid: of the nearest neighbours' distances
-    the squares, and of the next ones the fourth powers, have ratios that are even from 0 to 1.
-    Less tells of pairs, groups or lines (Holgate 1965).
+    ``first``, ``second`` and ``third`` are ratios of the nearest distance to the second, of that to
+    the third, and of that to the fourth; ``equal`` is the share of points of which the nearest two
+    are equally far, as on a grid.
     """
-    if len(points) < 4:
-        return 1.0, 1.0
-    away = cKDTree(points).query(points, [2, 3, 4], workers=PROCESSORS)[0]
-    ratios = away[:, :2] / np.maximum(away[:, 1:], np.finfo(float).tiny)
-    first, second = ratios.mean(axis=0).tolist()
-    return first, second
+
+    first: float
+    second: float
+    third: float
+    equal: float
+
+
+def nearness(points: FloatArray) -> Nearness:
+    """Return how far the nearest points are: 2/3, 4/5 and 6/7 of the next at random on a surface.
+
+    Of the nearest neighbours' distances the squares, of the next ones the fourth powers, and so on,
+    have ratios that are even from 0 to 1. All are 1 on a grid; less tells of pairs, groups or lines
+    (Holgate 1965).
+    """
+    if len(points) <= _FOURTH:
+        return Nearness(1.0, 1.0, 1.0, 1.0)
+    away = cKDTree(points).query(points, range(2, _FOURTH + 2), workers=PROCESSORS)[0]
+    ratios = away[:, :-1] / np.maximum(away[:, 1:], np.finfo(float).tiny)
+    first, second, third = ratios.mean(axis=0).tolist()
+    return Nearness(first, second, third, float(np.mean(ratios[:, 0] > _EQUAL)))
 
 
 def is_outlier(points: FloatArray) -> npt.NDArray[np.bool_]:

@@ -48,6 +48,9 @@ _BEFORE = 2.0
 _FRONT = 0.05
 _BEHIND = 0.2
 
+#: Side of a square of pixels of which none is empty beside what is seen from behind.
+_BESIDE = 3
+
 #: A camera looks into the body where it sees more than this share of what it sees from behind.
 _INSIDE = 0.3
 
@@ -196,9 +199,12 @@ class _View:
         self.beyond[tuple(pixel[hidden].T)] = False
 
     def judge(self, seen: npt.NDArray[np.bool_], cosine: FloatArray, margin: float) -> None:
-        """Find up to where each pixel is empty."""
+        """Find up to where each pixel is empty: not beside a surface that is seen from behind.
+
+        Through an opening the ground shows where a wall ends, as pixels are coarse.
+        """
         front, behind = self.image(seen & (cosine > _FRONT)), self.image(seen & (cosine < -_BEHIND))
-        told = np.isfinite(front) & (behind >= front)
+        told = np.isfinite(front) & (minimum_filter(behind, _BESIDE) >= front)
         self.empty = np.where(told, self.nearest - margin, -np.inf)
 
     def shows_empty(self, points: FloatArray) -> Tuple[npt.NDArray[Any], npt.NDArray[Any]]:

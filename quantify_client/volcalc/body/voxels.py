@@ -195,4 +195,4 @@ def _merged_of(fine: Thinned, order: IntArray, held: IntArray, result: Thinned) 
     # Over the middle of a square, of points at random: edge^2 / 6, less what their mean has.
     at_random = float(np.mean(result.edge**2 / 6.0 * (1.0 - 1.0 / held)))
     share = len(result.points) / len(fine.points)
-    return Merged(min(scatter, 2.0 * at_random), share, nearness(fine.points)[0])
+    return Merged(min(scatter, 2.0 * at_random), share, nearness(fine.points).first)
