@@ -17,7 +17,7 @@ from quantify_client.volcalc.body.cut import face_costs, minimum_cut
 from quantify_client.volcalc.body.enclose import Enclosed, enclose
 from quantify_client.volcalc.body.floor import stand
 from quantify_client.volcalc.body.foot import unseen_share
-from quantify_client.volcalc.body.going_on import going_on
+from quantify_client.volcalc.body.going_on import going_on, grid_between
 from quantify_client.volcalc.body.patches import Patches
 from quantify_client.volcalc.body.tetrahedra import Tetrahedra, tetrahedralize
 from quantify_client.volcalc.body.views import Views, places_all_round
@@ -202,6 +202,8 @@ def test_a_wall_that_no_camera_saw_leaves_no_hole_in_a_block() -> None:
     points = points[(points[:, 0] < 0.499) & (points[:, 2] > 1e-9)]
     result = volume_of(on_ground(points, 0.5))
     assert result.volume_m3 > 0.6
+    told = next(one.values for one in result.warnings if one.code == "surface-completed")
+    assert told["high_m3"] > 0.95  # the ground shows below the other walls, from within
     assert abs(result.volume_m3 - 1.0) < 2.6 * result.std_m3
 
 
@@ -341,3 +343,24 @@ def test_narrow_parts_make_no_thin_walled_body_of_an_open_one() -> None:
     result = volume_of(points[points[:, 2] > 1e-9] + OFFSET)
     assert "surface-completed" in {warning.code for warning in result.warnings}
     assert abs(result.volume_m3 - truth) < 2.0 * result.std_m3 < 1.0 * truth
+
+
+def test_a_grid_fills_what_nobody_saw() -> None:
+    """Within the hull of a half ball on its floor, away from both, and not where it is empty."""
+    points = ball(4_000)
+    half = points[points[:, 2] > 0.0]
+    x, y = (axis.ravel() for axis in np.meshgrid(*2 * [np.linspace(-1.0, 1.0, 41)]))
+    floor = np.column_stack([x, y, np.zeros(len(x))])[x**2 + y**2 < 1.0]
+
+    def is_empty(some: np.ndarray) -> np.ndarray:
+        return np.asarray(some[:, 0] > 0.5)
+
+    grid = grid_between(np.vstack([half, floor]), 0.06, is_empty)
+    away = np.linalg.norm(grid, axis=1)
+    assert away.max() < 1.0 - 0.7 * 0.12
+    assert grid[:, 2].min() > 0.7 * 0.12
+    assert grid[:, 0].max() <= 0.5
+    room = 2 / 3 * np.pi * 0.9**3  # less what is empty, and the layer above the floor
+    assert 0.55 * room < len(grid) * 0.12**3 < 0.9 * room
+    far = np.vstack([half, half + [1e3, 1e3, 1e3]])  # no more of it than memory holds
+    assert len(grid_between(far, 0.06, is_empty)) < 20_000

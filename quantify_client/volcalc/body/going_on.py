@@ -48,6 +48,10 @@ _APART = 0.8  # of a spacing, side of cubes that keep one point each
 #: a share of that: farther than a surface tells of what is behind it.
 _GRID = 2.0
 _AWAY = 0.7
+_MOST = 20_000  # points of it: bodies as dense as they are large have a tenth of that
+
+_DOWN = -0.9  # vertical part of a normal that points down
+_SIDES = 500  # of a hull at a time, for they take memory
 
 
 def going_on(
@@ -105,7 +109,7 @@ def going_on(
 def grid_between(
     points: FloatArray, spacing: float, is_empty: Callable[[FloatArray], npt.NDArray[np.bool_]]
 ) -> FloatArray:
-    """(K, 3) points of a grid in the box round points, where nobody saw.
+    """(K, 3) points of a grid within the hull of points, where nobody saw.
 
     Parameters
     ----------
@@ -113,14 +117,17 @@ def grid_between(
     spacing : of the surface's points, to their sixth neighbours, metres.
     is_empty : tells of points (M, 3) which are in space that was seen to be empty.
     """
-    step = _GRID * spacing
     low, high = points.min(axis=0), points.max(axis=0)
+    step = max(_GRID * spacing, float(np.prod(high - low) / _MOST) ** (1 / 3))
     axes = [np.arange(start + step, end, step) for start, end in zip(low, high)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     grid = grid[cKDTree(points).query(grid)[0] > _AWAY * step]
-    for *normal, offset in ConvexHull(points).equations:
-        margin = 0.0 if normal[2] < -0.9 else step
-        grid = grid[grid @ normal < -offset - margin]
+    sides = ConvexHull(points).equations
+    # A film over an opening bulges outwards freely; through the floor none does.
+    margin = np.where(sides[:, 2] < _DOWN, 0.0, step)
+    for some in np.array_split(np.arange(len(sides)), len(sides) // _SIDES + 1):
+        away = grid @ sides[some, :3].T + sides[some, 3]
+        grid = grid[(away < -margin[some]).all(axis=1)]
     return np.asarray(grid[~is_empty(grid)])
 
 
