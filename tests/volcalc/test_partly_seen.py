@@ -362,5 +362,5 @@ def test_a_grid_fills_what_nobody_saw() -> None:
     assert grid[:, 0].max() <= 0.5
     room = 2 / 3 * np.pi * 0.9**3  # less what is empty, and the layer above the floor
     assert 0.55 * room < len(grid) * 0.12**3 < 0.9 * room
-    far = np.vstack([half, half + [1e3, 1e3, 1e3]])  # no more of it than memory holds
+    far = np.vstack([half, half + np.full(3, 1e3)])  # no more of it than memory holds
     assert len(grid_between(far, 0.06, is_empty)) < 20_000
