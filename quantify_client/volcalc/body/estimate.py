@@ -79,8 +79,10 @@ _OF_FEWEST_MEANS = 0.8
 _OF_ROWS = (0.925, 0.95)
 _OF_GRID = 0.5
 
-#: What means of voxels lie too deep by, as a share of the facets.
+#: What means of voxels lie too deep by, as a share of the facets: where a surface passes through
+#: voxels, and where faces lie along them, at edges only (measured).
 _TOO_DEEP = 0.5
+_TOO_DEEP_IN_ROWS = 0.3
 
 #: Standard deviations, as shares of the facets: always; times the mean spacing by the radius of
 #: curvature; of the difference between the two ways to find them, of what was taken for edges with
@@ -177,7 +179,7 @@ def estimate(
     kept = 0.5 * (found.local + found.whole) * (1.0 - found.along_share)
     points = _points(body)
     pattern = _Pattern.of(found, again, every, above, points)
-    deep = _TOO_DEEP * pattern.means if merged is None else _depth_of(merged, found)
+    deep = pattern.depth if merged is None else _depth_of(merged, found)
     either = _TOO_DEEP * pattern.either if merged is None else 0.0
     noise = _noise(body, again, found, kept, pattern)
     narrow = _OF_WALLS * body.walls - _OF_CLEFTS * body.clefts
@@ -278,6 +280,12 @@ class _Pattern:
     def means(self) -> float:
         """Whether points are means of voxels, 0 to 1."""
         return self.even * self.of_voxels
+
+    @property
+    def depth(self) -> float:
+        """What means of voxels lie too deep by, as a share of the facets."""
+        across = _TOO_DEEP * self.means
+        return across + self.in_rows * (_TOO_DEEP_IN_ROWS - across)
 
     @property
     def either(self) -> float:
