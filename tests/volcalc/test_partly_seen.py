@@ -161,8 +161,8 @@ def test_coverage_is_what_docs_say_it_is(cameras: int) -> None:
     told = next(one.values for one in result.warnings if one.code == "surface-completed")
     low, high = told["low_m3"], told["high_m3"]
     coverage = next(one.std_m3 for one in result.budget if one.source == "coverage")
-    of_volume = 0.06 * told["share"] * (0.67 * low + 0.33 * high)
-    assert coverage == pytest.approx(np.hypot(0.3 * (high - low), of_volume), rel=1e-9)
+    of_volume = 0.08 * told["share"] * (0.62 * low + 0.38 * high)
+    assert coverage == pytest.approx(np.hypot(0.32 * (high - low), of_volume), rel=1e-9)
 
 
 @pytest.mark.one_python

@@ -68,15 +68,15 @@ _CERTAIN = 2
 
 #: Share of the larger completion in the volume: true volumes lie nearer to the smaller one
 #: (calibrated, method.md).
-_OF_LARGER = 0.33
+_OF_LARGER = 0.38
 
 _LID, _GHOST, _GRID = 1, 2, 4  # kinds of points: from ghosts on surfaces are unseen
 
 #: Standard deviation of the volume, as a share of what the completions differ by: 0.29 if it were
 #: anything between them, and nothing else; and of the unseen share of the surface times the volume,
 #: as two completions may agree by chance.
-_OF_SPREAD = 0.3
-_OF_SHARE = 0.06
+_OF_SPREAD = 0.32
+_OF_SHARE = 0.08
 
 #: A surface is partly seen where a larger share of it is lids over openings, a larger share of the
 #: volume lies below what was seen, where no upright foot goes on, or a larger share of its points
