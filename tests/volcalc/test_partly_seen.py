@@ -161,8 +161,9 @@ def test_coverage_is_what_docs_say_it_is(cameras: int) -> None:
     told = next(one.values for one in result.warnings if one.code == "surface-completed")
     low, high = told["low_m3"], told["high_m3"]
     coverage = next(one.std_m3 for one in result.budget if one.source == "coverage")
-    of_volume = 0.08 * told["share"] * (0.62 * low + 0.38 * high)
-    assert coverage == pytest.approx(np.hypot(0.32 * (high - low), of_volume), rel=1e-9)
+    share, likely = told["share"], 0.62 * low + 0.38 * high
+    of_volume = np.hypot(0.03 * share, 3.5 * share**4) * likely
+    assert coverage == pytest.approx(np.hypot((high - low) / np.sqrt(12.0), of_volume), rel=1e-9)
 
 
 @pytest.mark.one_python

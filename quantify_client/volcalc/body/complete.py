@@ -72,11 +72,11 @@ _OF_LARGER = 0.38
 
 _LID, _GHOST, _GRID = 1, 2, 4  # kinds of points: from ghosts on surfaces are unseen
 
-#: Standard deviation of the volume, as a share of what the completions differ by: 0.29 if it were
-#: anything between them, and nothing else; and of the unseen share of the surface times the volume,
-#: as two completions may agree by chance.
-_OF_SPREAD = 0.32
-_OF_SHARE = 0.08
+#: Standard deviation of the volume: as a share of what the completions differ by (anything between
+#: them is as likely); and, as two may agree by chance, of the volume times the unseen share of the
+#: surface (chosen) and its fourth power (calibrated, method.md).
+_OF_SPREAD = 1.0 / math.sqrt(12.0)
+_OF_SHARE, _OF_FOURTH = 0.03, 3.5
 
 #: A surface is partly seen where a larger share of it is lids over openings, a larger share of the
 #: volume lies below what was seen, where no upright foot goes on, or a larger share of its points
@@ -209,7 +209,7 @@ def _enclosed(
             shift=likely - own,
             std=math.hypot(
                 _OF_SPREAD * spread,
-                _OF_SHARE * share * likely,
+                math.hypot(_OF_SHARE * share, _OF_FOURTH * share**4) * likely,
                 min(1.0, apart / max(1.0 - apart, 1e-9)) * likely,
             ),
             cameras=cameras,
