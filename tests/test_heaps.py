@@ -9,7 +9,7 @@ import pytest
 import shapely
 
 import quantify_client
-from quantify_client.volcalc.body import measure
+from quantify_client.volcalc.body import local_frame
 from quantify_client.volcalc.body.floor import stand
 from quantify_client.volcalc.body.foot import Foot
 from quantify_client.volcalc.body.heap import Heaps, around, seen_from_above
@@ -117,7 +117,7 @@ def test_a_heap_of_too_few_points_for_its_own_outline_is_measured_in_one_around_
 
 def test_where_an_outline_cannot_be_measured_others_are(monkeypatch, tmp_path):
     beside_the_cloud = shapely.box(90.0, 90.0, 95.0, 95.0)
-    monkeypatch.setattr(measure, "around", lambda _: Heaps([beside_the_cloud], things=1))
+    monkeypatch.setattr(local_frame, "around", lambda _: Heaps([beside_the_cloud], things=1))
     path = write_ply(tmp_path / "heap.ply", heap(40_000, 20, 8, 4, 0.05) + OFFSET)
     found = quantify_client.measure(path, source_unit="m")
     (result,) = found.results

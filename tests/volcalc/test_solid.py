@@ -180,7 +180,7 @@ def test_half_a_ball_open_below_is_closed_with_a_warning():
     points = scanned("sphere", 2000)
     result = volume_of(points[points[:, 2] > 100.0])
     assert_consistent(result)
-    assert abs(result.volume_m3 - BALL / 2) < 1.96 * result.std_m3 < 0.1 * BALL / 2
+    assert abs(result.volume_m3 - BALL / 2) < 1.96 * result.std_m3 < 0.17 * BALL / 2
     assert result.body.floor.found == "lowest points"
     assert result.body.floor.elevation == pytest.approx(100.0, abs=0.01)
     assert any("stand level on its lowest points" in line for line in result.warnings)

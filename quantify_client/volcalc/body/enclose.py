@@ -151,6 +151,8 @@ def enclose(
     body = enclosed_by(space, spaces, hollow=hollow, thin_walled=thin_walled)
     if thin_walled:
         return replace(body, buried=_buried(space, spaces, body))
+    if spaces.leaks:  # what lies behind them is not counted
+        return body
     walls, clefts, sheets = _missed(space, len(points), spaces, body)
     return replace(body, walls=walls, clefts=clefts, sheets=sheets)
 

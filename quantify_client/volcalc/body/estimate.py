@@ -233,7 +233,7 @@ class _Pattern:
     even : from 0, at random, to 1, evenly spaced.
     neither : how little even and random points tell of these.
     of_voxels : from 0, a least distance apart, to 1, means of voxels.
-    in_rows : from 0 to 1, means of voxels along flat faces.
+    in_rows : from 0 to 1, means of voxels along flat faces, as far as facets belong to edges.
     """
 
     ratio: float
@@ -259,7 +259,7 @@ class _Pattern:
         of_voxels = _of_voxels(near.first)
         short = max(at_random - own for at_random, own in zip(_RATIOS_AT_RANDOM, near)) / _SHORT
         in_groups = min(1.0, max(0.0, short))
-        in_rows = _in_rows(near) * (1.0 - in_groups)
+        in_rows = _in_rows(near) * (1.0 - in_groups) * found.sharp
         if again is None:
             even = _even(near.first) * (1.0 - in_groups)
             return cls(math.inf, even, _MOST_NEITHER, of_voxels, in_rows)

@@ -48,6 +48,7 @@ class Facets:
     ----------
     local, whole : cut off by the normals at the corners, and by the whole mean curvature, m3.
     along : part of ``whole`` that belongs to edges with points along them, m3.
+    sharp : share of ``whole`` that belongs to edges, 0 to 1.
     curvature : integral of the mean curvature over the surface, m.
     area : of the triangles, m2.
     coarseness : mean over them of the sum of the squares of their sides, m2.
@@ -56,6 +57,7 @@ class Facets:
     local: float
     whole: float
     along: float
+    sharp: float
     curvature: float
     area: float
     coarseness: float
@@ -77,20 +79,21 @@ def facets_of(surface: BodySurface, patches: FloatArray, above: float = -np.inf)
     corners, number = surface.corners, surface.number
     own = (corners[:, 0, 2] >= above) & ~is_among(corners, patches)
     if not own.any():
-        return Facets(0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+        return Facets(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
     corners, number = corners[own], np.unique(number[own], return_inverse=True)[1].reshape(-1, 3)
     normals = surface.normals()[own]
     doubled = np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)
     normals /= doubled[:, None]
     squares = ((np.roll(corners, -1, axis=1) - corners) ** 2).sum(axis=2)
     at_corners = _at_corners(number, normals, doubled, squares)[number]
-    turned, along = _turns(corners, number, normals)
+    turned, along, sharp = _turns(corners, number, normals)
     area = 0.5 * doubled
     mean = float((area * squares.sum(axis=1)).sum() / area.sum())
     return Facets(
         local=float((area * bend(corners, at_corners)).sum()),
         whole=turned * mean / 24.0,
         along=along * mean / 24.0,
+        sharp=min(1.0, max(0.0, sharp / turned)) if turned > 0.0 else 0.0,
         curvature=turned,
         area=float(area.sum()),
         coarseness=mean,
@@ -140,8 +143,10 @@ def unit(vectors: FloatArray) -> FloatArray:
     return np.asarray(vectors / np.maximum(length, np.finfo(float).tiny))
 
 
-def _turns(corners: FloatArray, number: IntArray, normals: FloatArray) -> tuple[float, float]:
-    """Return half the sum of lengths times angles, m: of all sides, of those along edges."""
+def _turns(
+    corners: FloatArray, number: IntArray, normals: FloatArray
+) -> tuple[float, float, float]:
+    """Return half the sum of lengths times angles, m: of all sides, along edges, of sharp ones."""
     start, end, opposite = number.T.ravel(), number[:, [1, 2, 0]].T.ravel(), number[:, [2, 0, 1]]
     triangle, opposite = np.tile(np.arange(len(number)), 3), opposite.T.ravel()
     key = np.minimum(start, end) * (int(number.max()) + 1) + np.maximum(start, end)
@@ -164,7 +169,7 @@ def _turns(corners: FloatArray, number: IntArray, normals: FloatArray) -> tuple[
     length = np.linalg.norm(place[end[one]] - place[start[one]], axis=1)
     turned = 0.5 * length * np.where(bulges, angle, -angle)
     edges = [_along(turned[side], along[side], angle[side]) for side in (bulges, ~bulges)]
-    return float(turned.sum()), sum(edges)
+    return float(turned.sum()), sum(edges), float(turned[angle > _SHARP].sum())
 
 
 def _along(turned: FloatArray, along: npt.NDArray[np.bool_], angle: FloatArray) -> float:
