@@ -75,9 +75,10 @@ _AT_RANDOM = 0.7
 _OF_FEWEST_MEANS = 0.8
 
 #: Third by fourth distance of means of voxels, at most, and of means of voxels along flat faces, at
-#: least. Of grids that are more regular than means half the points have equal distances.
+#: least; and the share of points with equal distances: 0.07 of these, and more where parts are on
+#: grids, of which edges are known.
 _OF_ROWS = (0.925, 0.95)
-_OF_GRID = 0.5
+_OF_GRIDS = (0.1, 0.2)
 
 #: What means of voxels lie too deep by, as a share of the facets: where a surface passes through
 #: voxels, and where faces lie along them, at edges only (measured).
@@ -92,7 +93,7 @@ _TOO_DEEP_IN_ROWS = 0.3
 _OF_FACETS = 0.02
 _OF_CURVATURE = 0.16
 _OF_DIFFERENCE = 0.14
-_OF_EDGES = 0.06
+_OF_EDGES = 0.08
 _OF_DEPTH = 0.1
 _OF_NEITHER = 0.6
 
@@ -326,7 +327,8 @@ def _in_rows(near: Nearness) -> float:
     """Return whether points are means of voxels along faces, 1: nearly a grid, and none."""
     start, end = _OF_ROWS
     rows = min(1.0, max(0.0, (near.third - start) / (end - start)))
-    return rows * (1.0 - min(1.0, near.equal / _OF_GRID))
+    means, grids = _OF_GRIDS
+    return rows * min(1.0, max(0.0, (grids - near.equal) / (grids - means)))
 
 
 def _even(nearest: float) -> float:
