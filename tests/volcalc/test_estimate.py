@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from quantify_client.volcalc.body.enclose import Enclosed
-from quantify_client.volcalc.body.estimate import estimate, is_same_body
+from quantify_client.volcalc.body.estimate import _in_rows, estimate, is_same_body
 from quantify_client.volcalc.body.sections import BodySurface
+from quantify_client.volcalc.body.spacing import Nearness
 
 NOTHING = BodySurface(
     corners=np.empty((0, 3, 3)),
@@ -70,3 +71,19 @@ def test_other_walls_tell_nothing() -> None:
     assert is_same_body(BODY, replace(BODY, within=98.0))
     assert not is_same_body(BODY, replace(BODY, within=60.0))
     assert not is_same_body(BODY, replace(BODY, thin_walled=True))
+
+
+@pytest.mark.parametrize(
+    ("near", "expected"),
+    [
+        ((0.94, 0.955, 0.953, 0.067), 1.0),  # means of voxels along the faces of a cube
+        ((0.85, 0.903, 0.919, 0.026), 0.0),  # of voxels that surfaces pass through
+        ((0.918, 0.914, 0.905, 0.046), 0.0),  # a least distance apart
+        ((0.95, 0.94, 0.988, 0.796), 0.0),  # grids
+        ((2 / 3, 4 / 5, 6 / 7, 0.01), 0.0),  # at random
+    ],
+)
+def test_means_of_voxels_along_faces_are_nearly_a_grid(
+    near: tuple[float, float, float, float], expected: float
+) -> None:
+    assert _in_rows(Nearness(*near)) == expected
