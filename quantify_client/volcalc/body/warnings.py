@@ -83,11 +83,17 @@ def _apart(standing: Standing, body: Enclosed) -> Iterator[Notice]:
     numbers = body.apart[body.apart < len(standing.points)]
     count, total = int(standing.counts[numbers].sum()), int(standing.counts.sum())
     if count > _APART * total:
+        belong = "what they belong to is not in the volume"
+        if body.walls > 0.0:
+            belong = (
+                f"most of the thin walls that they may be ({body.walls:.3g} m3) was added, and "
+                "nothing else that they belong to"
+            )
         yield Notice(
             "points-outside-body",
             f"{count / total:.1%} of the points ({count:,}) lie outside of the body that was "
-            "found: they enclose nothing by themselves, and what they belong to is not in the "
-            "volume; look at the pictures, give --floor, or take more photographs there",
+            f"found: they enclose nothing by themselves, and {belong}; look at the pictures, give "
+            "--floor, or take more photographs there",
             points=count,
             share=count / total,
         )
