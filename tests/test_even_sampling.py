@@ -169,10 +169,10 @@ def test_facets_of_a_ball_are_what_it_lacks():
     surface = surface_of(ball(3_000, np.random.default_rng(5)))
     found = facets_of(surface, np.empty((0, 3, 3)))
     lack = BALL - surface.volume()
-    assert found.local == pytest.approx(lack, rel=0.02)
-    assert found.whole == pytest.approx(lack, rel=0.02)
+    assert found.smooth == pytest.approx(lack, rel=0.02)
+    assert found.smooth_by_turn == pytest.approx(lack, rel=0.02)
     assert found.curvature == pytest.approx(4.0 * math.pi, rel=0.01)
-    assert found.along == 0.0
+    assert found.edges == found.edges_by_turn == 0.0
 
 
 def test_facets_that_close_openings_cut_nothing_off():
@@ -202,7 +202,53 @@ def test_nothing_is_cut_off_along_an_edge_with_points_on_it():
     assert surface.volume() == pytest.approx(1.0)
     found = facets_of(surface, np.empty((0, 3, 3)))
     assert found.curvature == pytest.approx(3.0 * math.pi)
-    assert found.along_share == pytest.approx(1.0)
+    assert found.sharp == pytest.approx(1.0)
+    assert found.volume(0.0) == pytest.approx(0.0, abs=1e-12)
+    assert found.edges_by_turn == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("closer", [1.0, 3.0])
+def test_facets_of_a_cylinder_whose_rims_have_points_are_what_it_lacks(closer):
+    """Rings of points, as close along them or farther: a prism cuts off segments of a circle."""
+    count = 48
+    turn = 2.0 * math.pi * np.arange(count) / count
+    rings = np.linspace(-0.5, 0.5, round(closer * count / (2.0 * math.pi)) + 1)
+    points = np.concatenate([np.column_stack([np.cos(turn), np.sin(turn), 0.0 * turn + z])
+                             for z in rings] + [[[0.0, 0.0, -0.5], [0.0, 0.0, 0.5]]])  # fmt: skip
+    first = np.arange(len(points) - count - 2).reshape(-1, count)
+    after = np.roll(first, -1, axis=1)
+    halves = [(first, after, after + count), (first, after + count, first + count)]
+    sides = np.concatenate([np.stack(half, axis=-1).reshape(-1, 3) for half in halves])
+    middle = np.full(count, len(points) - 2)
+    bottom = np.stack([middle, after[0], first[0]], axis=-1)
+    top = np.stack([middle + 1, first[-1] + count, after[-1] + count], axis=-1)
+    askew = Rotation.from_rotvec([0.9, -0.5, 0.7]).as_matrix()
+    surface = BodySurface.of(points @ askew, np.concatenate([sides, bottom, top]))
+    inscribed = 0.5 * count * math.sin(2.0 * math.pi / count)
+    assert surface.volume() == pytest.approx(inscribed)
+    found = facets_of(surface, np.empty((0, 3, 3)))
+    assert found.volume(0.0) == pytest.approx(math.pi - inscribed, rel=0.01)
+
+
+@pytest.mark.parametrize("on_grid", [0.0, 1.0])
+def test_what_is_chamfered_is_told_by_normals_and_by_turning(on_grid):
+    """A cube without points along its edges, half a step from them: s^2 / 8 of each edge's length.
+
+    Its corners lack a little more. The mean curvature is what counts of points on a grid.
+    """
+    steps = 24
+    middles = (np.arange(steps) + 0.5) / steps - 0.5
+    places = np.stack(np.meshgrid(middles, middles), axis=-1).reshape(-1, 2)
+    points = np.concatenate([np.insert(places, axis, at, axis=1)
+                             for axis in range(3) for at in (-0.5, 0.5)])  # fmt: skip
+    # A little curved, since a hull has no corners in the middle of planes.
+    points *= 1.0 + 1e-6 * (0.75 - (points**2).sum(axis=1, keepdims=True))
+    found = facets_of(surface_of(points), np.empty((0, 3, 3)))
+    lack = 1.0 - ConvexHull(points).volume
+    assert lack == pytest.approx(12.0 / 8.0 / steps**2, rel=0.1)
+    assert found.smooth == pytest.approx(0.0, abs=0.01 * lack)
+    assert found.volume(on_grid) == pytest.approx(lack, rel=0.2)
+    assert found.volume(1.0) == pytest.approx(found.edges_by_turn, abs=0.01 * lack)
 
 
 def sampling_std(points):

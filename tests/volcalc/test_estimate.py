@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from quantify_client.volcalc.body.enclose import Enclosed
-from quantify_client.volcalc.body.estimate import _in_rows, estimate, is_same_body
+from quantify_client.volcalc.body.estimate import _in_rows, _on_grid, estimate, is_same_body
 from quantify_client.volcalc.body.sections import BodySurface
 from quantify_client.volcalc.body.spacing import Nearness
 
@@ -74,16 +74,17 @@ def test_other_walls_tell_nothing() -> None:
 
 
 @pytest.mark.parametrize(
-    ("near", "expected"),
+    ("near", "rows", "grid"),
     [
-        ((0.94, 0.955, 0.953, 0.067), 1.0),  # means of voxels along the faces of a cube
-        ((0.85, 0.903, 0.919, 0.026), 0.0),  # of voxels that surfaces pass through
-        ((0.918, 0.914, 0.905, 0.046), 0.0),  # a least distance apart
-        ((0.95, 0.94, 0.988, 0.796), 0.0),  # grids
-        ((2 / 3, 4 / 5, 6 / 7, 0.01), 0.0),  # at random
+        ((0.94, 0.955, 0.953, 0.067), 1.0, 0.0),  # means of voxels along the faces of a cube
+        ((0.85, 0.903, 0.919, 0.026), 0.0, 0.0),  # of voxels that surfaces pass through
+        ((0.918, 0.914, 0.905, 0.046), 0.0, 0.0),  # a least distance apart
+        ((0.95, 0.94, 0.988, 0.796), 1.0, 1.0),  # grids
+        ((2 / 3, 4 / 5, 6 / 7, 0.01), 0.0, 0.0),  # at random
     ],
 )
 def test_means_of_voxels_along_faces_are_nearly_a_grid(
-    near: tuple[float, float, float, float], expected: float
+    near: tuple[float, float, float, float], rows: float, grid: float
 ) -> None:
-    assert _in_rows(Nearness(*near)) == expected
+    assert _in_rows(Nearness(*near)) == rows
+    assert _on_grid(Nearness(*near)) == grid

@@ -68,15 +68,15 @@ _CERTAIN = 2
 
 #: Share of the larger completion in the volume: true volumes lie nearer to the smaller one
 #: (calibrated, method.md).
-_OF_LARGER = 0.38
+_OF_LARGER = 0.36
 
 _LID, _GHOST, _GRID = 1, 2, 4  # kinds of points: from ghosts on surfaces are unseen
 
-#: Standard deviation of the volume: as a share of what the completions differ by (anything between
-#: them is as likely); and, as two may agree by chance, of the volume times the unseen share of the
-#: surface (chosen) and its fourth power (calibrated, method.md).
-_OF_SPREAD = 1.0 / math.sqrt(12.0)
-_OF_SHARE, _OF_FOURTH = 0.03, 3.5
+#: Standard deviation of the volume: as a share of what the completions differ by; and, as two may
+#: agree by chance, of the volume times the unseen share of the surface and its fourth power. Most
+#: likely are 0.11, 0.036 and 3.2 (method.md).
+_OF_SPREAD = 0.2
+_OF_SHARE, _OF_FOURTH = 0.03, 3.0
 
 #: A surface is partly seen where a larger share of it is lids over openings, a larger share of the
 #: volume lies below what was seen, where no upright foot goes on, or a larger share of its points

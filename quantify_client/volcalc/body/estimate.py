@@ -35,7 +35,7 @@ import numpy as np
 
 from ...types import FloatArray
 from .enclose import Enclosed
-from .facets import Facets, facets_of
+from .facets import Facets, coarseness_of, facets_of
 from .floor import Standing
 from .spacing import Nearness, nearness
 from .voxels import Merged
@@ -86,14 +86,13 @@ _TOO_DEEP = 0.5
 _TOO_DEEP_IN_ROWS = 0.3
 
 #: Standard deviations, as shares of the facets: always; times the mean spacing by the radius of
-#: curvature; of the difference between the two ways to find them, of what was taken for edges with
-#: points along them, of what voxels' means lie too deep by; where points are neither at random nor
-#: even. Most likely for errors of bodies and meshes of known volume, or a little more
-#: (docs/method.md).
+#: curvature; of the difference between the two ways to find them, between edges and at these; of
+#: what voxels' means lie too deep by; where points are neither at random nor even. Most likely for
+#: errors of bodies and meshes of known volume, or a little more (docs/method.md).
 _OF_FACETS = 0.02
-_OF_CURVATURE = 0.16
-_OF_DIFFERENCE = 0.14
-_OF_EDGES = 0.08
+_OF_CURVATURE = 0.15
+_OF_SMOOTH = 0.25
+_OF_EDGES = 0.15
 _OF_DEPTH = 0.1
 _OF_NEITHER = 0.6
 
@@ -177,9 +176,9 @@ def estimate(
     if body.thin_walled:
         return _of_thin_walls(body)
     found = facets_of(body.surface, body.patches, above)
-    kept = 0.5 * (found.local + found.whole) * (1.0 - found.along_share)
     points = _points(body)
     pattern = _Pattern.of(found, again, every, above, points)
+    kept = found.volume(pattern.on_grid)
     deep = pattern.depth if merged is None else _depth_of(merged, found)
     either = _TOO_DEEP * pattern.either if merged is None else 0.0
     noise = _noise(body, again, found, kept, pattern)
@@ -190,10 +189,10 @@ def estimate(
     return Estimate(
         volume=body.within - body.moved + kept + deep * kept + noise + (1.0 - unsure) * narrow,
         sampling_std=math.hypot(
-            _OF_FACETS * kept,
-            _OF_CURVATURE * abs(found.curvature) * side / area * kept,
-            _OF_DIFFERENCE * (1.0 + pattern.even) * (found.local - found.whole),
-            _OF_EDGES * found.along_share * found.whole,
+            _OF_FACETS * found.smooth,
+            _OF_CURVATURE * abs(found.curvature) * side / area * found.smooth,
+            _OF_SMOOTH * (1.0 + pattern.even) * (found.smooth - found.smooth_by_turn),
+            _OF_EDGES * (1.0 + pattern.even) * (found.edges - found.edges_by_turn),
             math.hypot(_OF_DEPTH * deep, either) * kept,
             _OF_NEITHER * pattern.neither * kept,
             _OF_UNKNOWN_EDGES * pattern.in_rows * kept,
@@ -235,6 +234,7 @@ class _Pattern:
     neither : how little even and random points tell of these.
     of_voxels : from 0, a least distance apart, to 1, means of voxels.
     in_rows : from 0 to 1, means of voxels along flat faces, as far as facets belong to edges.
+    on_grid : from 0 to 1, on grids.
     """
 
     ratio: float
@@ -242,6 +242,7 @@ class _Pattern:
     neither: float
     of_voxels: float
     in_rows: float
+    on_grid: float
 
     @classmethod
     def of(
@@ -260,11 +261,12 @@ class _Pattern:
         of_voxels = _of_voxels(near.first)
         short = max(at_random - own for at_random, own in zip(_RATIOS_AT_RANDOM, near)) / _SHORT
         in_groups = min(1.0, max(0.0, short))
-        in_rows = _in_rows(near) * (1.0 - in_groups) * found.sharp
+        on_grid = _on_grid(near)
+        in_rows = _in_rows(near) * (1.0 - on_grid) * (1.0 - in_groups) * found.sharp
         if again is None:
             even = _even(near.first) * (1.0 - in_groups)
-            return cls(math.inf, even, _MOST_NEITHER, of_voxels, in_rows)
-        ratio = facets_of(again.surface, again.patches, above).coarseness / found.coarseness
+            return cls(math.inf, even, _MOST_NEITHER, of_voxels, in_rows, on_grid)
+        ratio = coarseness_of(again.surface, again.patches, above) / found.coarseness
         even = min(1.0, (ratio / every - 1.0) / (_EVEN[every] - 1.0))
         chance = _CHANCE / math.sqrt(max(1, len(points)))
         beyond = max(0.0, abs(even + chance) - 2.0 * chance)
@@ -275,6 +277,7 @@ class _Pattern:
             neither=min(_MOST_NEITHER, neither),
             of_voxels=of_voxels,
             in_rows=in_rows,
+            on_grid=on_grid,
         )
 
     @property
@@ -324,11 +327,15 @@ def _of_voxels(nearest: float) -> float:
 
 
 def _in_rows(near: Nearness) -> float:
-    """Return whether points are means of voxels along faces, 1: nearly a grid, and none."""
+    """Return whether points are nearly on grids, as means of voxels along faces are, 1."""
     start, end = _OF_ROWS
-    rows = min(1.0, max(0.0, (near.third - start) / (end - start)))
+    return min(1.0, max(0.0, (near.third - start) / (end - start)))
+
+
+def _on_grid(near: Nearness) -> float:
+    """Return whether points are on grids, 1."""
     means, grids = _OF_GRIDS
-    return rows * min(1.0, max(0.0, (grids - near.equal) / (grids - means)))
+    return min(1.0, max(0.0, (near.equal - means) / (grids - means)))
 
 
 def _even(nearest: float) -> float:

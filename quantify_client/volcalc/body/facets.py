@@ -8,11 +8,16 @@ on average, n being the surface's normals at the corners: the mean of a quadrati
 Where the curvature k is the same in all directions (n_j - n_i) . e_ij is k e_ij^2.
 
 The normals are those of Max (1999), Weights for computing vertex normals from facet normals,
-Journal of Graphics Tools 4(2), equation 3, which are exact on a ball. Edges that the triangles
-chamfer have none; their share is told better by the surface's whole mean curvature, half the sum of
-the lengths of all sides times the angles that the triangles on both turn by (Steiner 1840), spread
-evenly over triangles of the mean size: h = k M / 24, M the mean of a^2 + b^2 + c^2. The mean of
-both counts, and their difference tells how much depends on which.
+Journal of Graphics Tools 4(2), equation 3, which are exact on a ball. At edges of the body a point
+has two, one for each side (as where renderers split vertices along creases): they tell what is
+smooth between edges, in whichever directions points are closer.
+
+What triangles chamfer has no normals. It is told by what normals of both sides together make of
+it, and by the whole mean curvature there, half the sum of the lengths of all sides times the angles
+that the triangles on both turn by (Steiner 1840), spread evenly over triangles of the mean size:
+h = k M / 24, M the mean of a^2 + b^2 + c^2. The mean of both counts, and their difference tells how
+much depends on which. Rows of a grid lie anywhere within a step s from an edge, on either side:
+they chamfer s^2 / 8 of a right angle on average, and the mean curvature tells pi s^2 / 24.
 
 A side on which points lie along an edge of the body cuts off nothing. It turns by far more than the
 surface does at the corners that lie opposite of it. Where that holds for most of what is sharp it
@@ -25,13 +30,15 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from ...types import FloatArray, IntArray
 from .sections import BodySurface
 
-__all__ = ["Facets", "bend", "facets_of", "is_among", "unit"]
+__all__ = ["Facets", "bend", "coarseness_of", "facets_of", "is_among", "unit"]
 
-#: A side lies along an edge where it turns by more than this many times what the surface does at
+#: Points lie along an edge where a side turns by more than this many times what the surface does at
 #: the corners opposite, and by more than this (radians): less is curvature.
 _SHARPER = 10.0
 _SHARP = 0.2
@@ -46,26 +53,27 @@ class Facets:
 
     Attributes
     ----------
-    local, whole : cut off by the normals at the corners, and by the whole mean curvature, m3.
-    along : part of ``whole`` that belongs to edges with points along them, m3.
-    sharp : share of ``whole`` that belongs to edges, 0 to 1.
+    smooth, edges : between edges, and at those without points along them, by normals, m3.
+    smooth_by_turn, edges_by_turn : the same by the mean curvature, evenly over all triangles, m3.
+    sharp : share of the mean curvature that belongs to edges, 0 to 1.
     curvature : integral of the mean curvature over the surface, m.
     area : of the triangles, m2.
     coarseness : mean over them of the sum of the squares of their sides, m2.
     """
 
-    local: float
-    whole: float
-    along: float
+    smooth: float
+    edges: float
+    smooth_by_turn: float
+    edges_by_turn: float
     sharp: float
     curvature: float
     area: float
     coarseness: float
 
-    @property
-    def along_share(self) -> float:
-        """Share of the facets that belongs to edges with points along them, 0 to 1 and beyond."""
-        return self.along / self.whole if self.whole > 0.0 else 0.0
+    def volume(self, on_grid: float) -> float:
+        """Return all that is cut off, m3, of points that are on a grid (1), or are not (0)."""
+        by_turn = 0.5 * (1.0 + on_grid)
+        return self.smooth + (1.0 - by_turn) * self.edges + by_turn * self.edges_by_turn
 
 
 def facets_of(surface: BodySurface, patches: FloatArray, above: float = -np.inf) -> Facets:
@@ -76,28 +84,60 @@ def facets_of(surface: BodySurface, patches: FloatArray, above: float = -np.inf)
     patches : (G, 3, 3) float64, metres, triangles that close openings, which do not count.
     above : height that the triangles that count lie above, metres.
     """
-    corners, number = surface.corners, surface.number
-    own = (corners[:, 0, 2] >= above) & ~is_among(corners, patches)
+    own = _own(surface, patches, above)
     if not own.any():
-        return Facets(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-    corners, number = corners[own], np.unique(number[own], return_inverse=True)[1].reshape(-1, 3)
+        return Facets(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    corners = surface.corners[own]
+    number = np.unique(surface.number[own], return_inverse=True)[1].reshape(-1, 3)
     normals = surface.normals()[own]
     doubled = np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)
     normals /= doubled[:, None]
-    squares = ((np.roll(corners, -1, axis=1) - corners) ** 2).sum(axis=2)
-    at_corners = _at_corners(number, normals, doubled, squares)[number]
-    turned, along, sharp = _turns(corners, number, normals)
-    area = 0.5 * doubled
-    mean = float((area * squares.sum(axis=1)).sum() / area.sum())
+    squares = _squares(corners)
+    sides = _sides(corners, number, normals)
+
+    def cut_off(edges: npt.NDArray[np.bool_]) -> float:
+        at = sides.apart_at(edges)
+        at_corners = _at_corners(at, normals, doubled, squares)[at]
+        return float(0.5 * doubled @ bend(corners, at_corners))
+
+    smooth, along = cut_off(sides.sharp), sides.along()
+    mean, turned = _mean(doubled, squares), float(sides.turned.sum())
+    sharp = float(sides.turned[sides.sharp].sum())
     return Facets(
-        local=float((area * bend(corners, at_corners)).sum()),
-        whole=turned * mean / 24.0,
-        along=along * mean / 24.0,
+        smooth=smooth,
+        edges=cut_off(along) - smooth,
+        smooth_by_turn=(turned - sharp) * mean / 24.0,
+        edges_by_turn=(sharp - float(sides.turned[along].sum())) * mean / 24.0,
         sharp=min(1.0, max(0.0, sharp / turned)) if turned > 0.0 else 0.0,
         curvature=turned,
-        area=float(area.sum()),
+        area=0.5 * float(doubled.sum()),
         coarseness=mean,
     )
+
+
+def coarseness_of(surface: BodySurface, patches: FloatArray, above: float = -np.inf) -> float:
+    """Return the mean over all triangles of the sum of the squares of their sides, m2."""
+    own = _own(surface, patches, above)
+    if not own.any():
+        return 1.0
+    doubled = np.linalg.norm(surface.normals()[own], axis=1)
+    return _mean(doubled, _squares(surface.corners[own]))
+
+
+def _own(surface: BodySurface, patches: FloatArray, above: float) -> npt.NDArray[np.bool_]:
+    """(K,) True for triangles that close no opening and lie high enough."""
+    corners = surface.corners
+    return np.asarray((corners[:, 0, 2] >= above) & ~is_among(corners, patches))
+
+
+def _squares(corners: FloatArray) -> FloatArray:
+    """(K, 3) squares of the lengths of sides, m2, each from its corner to the next."""
+    return np.asarray(((np.roll(corners, -1, axis=1) - corners) ** 2).sum(axis=2))
+
+
+def _mean(doubled: FloatArray, squares: FloatArray) -> float:
+    """Return the mean over triangles of the sum of the squares, m2; ``doubled`` areas."""
+    return float(doubled @ squares.sum(axis=1) / doubled.sum())
 
 
 def bend(corners: FloatArray, normals: FloatArray) -> FloatArray:
@@ -143,10 +183,50 @@ def unit(vectors: FloatArray) -> FloatArray:
     return np.asarray(vectors / np.maximum(length, np.finfo(float).tiny))
 
 
-def _turns(
-    corners: FloatArray, number: IntArray, normals: FloatArray
-) -> tuple[float, float, float]:
-    """Return half the sum of lengths times angles, m: of all sides, along edges, of sharp ones."""
+@dataclass(frozen=True)
+class _Sides:
+    """Sides that two of K triangles share.
+
+    Attributes
+    ----------
+    corners : 3 K, number i K + j is corner i of triangle j.
+    ends : (2, 2, S) the corners at either end of a side, in the one triangle and in the other.
+    angle : (S,) radians that the surface turns by.
+    turned : (S,) half of the length times this, m, positive where the surface bulges.
+    lone : (S,) True where it turns far more than at the corners opposite.
+    """
+
+    corners: int
+    ends: IntArray
+    angle: FloatArray
+    turned: FloatArray
+    lone: npt.NDArray[np.bool_]
+
+    @property
+    def sharp(self) -> npt.NDArray[np.bool_]:
+        """(S,) True for edges, whether points lie along them or not."""
+        return np.asarray((self.angle > _EDGE) | self.lone)
+
+    def along(self) -> npt.NDArray[np.bool_]:
+        """(S,) True for edges with points along them: all that bulge where most of them have."""
+        along = self.lone.copy()
+        for some in (self.turned > 0.0, self.turned < 0.0):
+            lone, sharp = (self.turned[some & which].sum() for which in (self.lone, self.sharp))
+            if abs(lone) > 0.5 * abs(sharp):
+                along |= some & self.sharp
+        return along
+
+    def apart_at(self, edges: npt.NDArray[np.bool_]) -> IntArray:
+        """(K, 3) numbers of corners: one to a point, and one for each side of edges (S,)."""
+        one, other = self.ends[:, :, ~edges]
+        pairs = one.ravel(), other.ravel()
+        same = coo_matrix((np.ones(one.size, np.int8), pairs), shape=(self.corners,) * 2)
+        number = connected_components(same, directed=False)[1]
+        return np.asarray(number.reshape(3, -1).T)
+
+
+def _sides(corners: FloatArray, number: IntArray, normals: FloatArray) -> _Sides:
+    """Return the sides of triangles (K, 3, 3) with unit normals (K, 3)."""
     start, end, opposite = number.T.ravel(), number[:, [1, 2, 0]].T.ravel(), number[:, [2, 0, 1]]
     triangle, opposite = np.tile(np.arange(len(number)), 3), opposite.T.ravel()
     key = np.minimum(start, end) * (int(number.max()) + 1) + np.maximum(start, end)
@@ -154,9 +234,8 @@ def _turns(
     first = np.flatnonzero(np.diff(key[order], prepend=-1))
     first = first[np.diff(first, append=len(key)) == 2]
     one, other = order[first], order[first + 1]
-    places = np.concatenate([corners[:, i] for i in range(3)])
     place = np.zeros((int(number.max()) + 1, 3))
-    place[start] = places
+    place[start] = np.concatenate([corners[:, i] for i in range(3)])
     cosine = (normals[triangle[one]] * normals[triangle[other]]).sum(axis=1)
     angle = np.arccos(np.clip(cosine, -1.0, 1.0))
     across = place[opposite[other]] - place[start[one]]
@@ -165,14 +244,10 @@ def _turns(
     for point in (start[one], end[one]):
         np.maximum.at(sharpest, point, angle)
     beside = np.maximum(sharpest[opposite[one]], sharpest[opposite[other]])
-    along = (angle > _SHARP) & (angle > _SHARPER * beside)
     length = np.linalg.norm(place[end[one]] - place[start[one]], axis=1)
     turned = 0.5 * length * np.where(bulges, angle, -angle)
-    edges = [_along(turned[side], along[side], angle[side]) for side in (bulges, ~bulges)]
-    return float(turned.sum()), sum(edges), float(turned[angle > _SHARP].sum())
-
-
-def _along(turned: FloatArray, along: npt.NDArray[np.bool_], angle: FloatArray) -> float:
-    """Return what sides along edges with points turn by, m: all edges where most of them are."""
-    some, sharp = float(turned[along].sum()), float(turned[angle > _EDGE].sum())
-    return sharp if abs(some) > 0.5 * abs(sharp) else some
+    lone = (angle > _SHARP) & (angle > _SHARPER * beside)
+    corner = np.stack([np.arange(len(key)), (np.arange(len(key)) + len(number)) % len(key)])
+    ends = np.stack([corner[:, one], corner[:, other]])
+    ends[1] = np.where(start[one] == start[other], ends[1], ends[1, ::-1])
+    return _Sides(len(key), ends, angle, turned, lone)
