@@ -45,6 +45,10 @@ _UNDERSIDE = 0.1
 _SURELY_HIGHER = 10.0
 _LOWEST = 3.0
 
+#: Nobody is sure to have stood where a camera would see more than this share of what it sees of a
+#: body from behind: it would have seen, and shown, what hides that (chosen).
+_LOOKS_IN = 0.03
+
 #: Shares of the curvature that goes on: in the smaller completion and in the larger one.
 _CURVED = (1.0, 0.5)
 
@@ -68,15 +72,15 @@ _CERTAIN = 2
 
 #: Share of the larger completion in the volume: true volumes lie nearer to the smaller one
 #: (calibrated, method.md).
-_OF_LARGER = 0.36
+_OF_LARGER = 0.38
 
 _LID, _GHOST, _GRID = 1, 2, 4  # kinds of points: from ghosts on surfaces are unseen
 
-#: Standard deviation of the volume: as a share of what the completions differ by; and, as two may
-#: agree by chance, of the volume times the unseen share of the surface and its fourth power. Most
-#: likely are 0.11, 0.036 and 3.2 (method.md).
-_OF_SPREAD = 0.2
-_OF_SHARE, _OF_FOURTH = 0.03, 3.0
+#: Standard deviation of the volume: as a share of what the completions differ by (anything between
+#: them is as likely); and, as two may agree by chance, of the volume times the unseen share of the
+#: surface and its fourth power (calibrated, method.md).
+_OF_SPREAD = 1.0 / math.sqrt(12.0)
+_OF_SHARE, _OF_FOURTH = 0.03, 2.5
 
 #: A surface is partly seen where a larger share of it is lids over openings, a larger share of the
 #: volume lies below what was seen, where no upright foot goes on, or a larger share of its points
@@ -256,7 +260,8 @@ def _views(
     """Return what is seen, which places are less sure, and whether the body stands on no ground.
 
     What known cameras leave open the smaller completion leaves out as if others had stood all round
-    them. Without ground, a body whose underside is in the cloud was seen from below, too.
+    them. Without ground, a body whose underside is in the cloud was seen from below, too. Less sure
+    is where one would look in through what nobody saw.
     """
     count, below = len(standing.points), False
     ground = len(seen) - count
@@ -278,7 +283,8 @@ def _views(
     stands = not below and _ends(standing, views, spacing, HIGHEST)
     lowest = min(max(lowest_told(views.normals[:count]), 0.0), HIGHEST)
     places, unsure = places_all_round(standing.points, below, lowest)
-    return Views.of(seen, spacing, places, views.patches, ground), unsure, stands
+    views = Views.of(seen, spacing, places, views.patches, ground)
+    return views, unsure | (views.inside > _LOOKS_IN), stands
 
 
 def _seen_from_below(standing: Standing, views: Views) -> bool:

@@ -235,6 +235,7 @@ class Views:
     patches : of the points; their normals point to the outside.
     seen : (N,) int64, how many cameras see each.
     fair : (K,) False for cameras that look into the body through an opening, and are left out.
+    inside : (K,) share of what each sees of the body that it sees from behind.
     in_need : (K,) True for cameras that tell of empty space only where they agree.
     """
 
@@ -242,6 +243,7 @@ class Views:
     seen: IntArray
     views: List[_View]
     fair: npt.NDArray[np.bool_]
+    inside: FloatArray
     in_need: npt.NDArray[np.bool_]
 
     @property
@@ -294,10 +296,12 @@ class Views:
             fair &= ~into
         for number in np.flatnonzero(fair):
             views[number].judge(seen[number], sign * cosine[number], _BEFORE * spacing)
+        behind = (own & (sign * cosine < -_BEHIND)[:, : own.shape[1]]).sum(axis=1)
+        inside = behind / np.maximum(own.sum(axis=1), 1)
         in_need = fair & (np.arange(len(views)) < known)
         front = (seen & (sign * cosine > 0.0))[in_need, : own.shape[1]]
         in_need &= not one_is_enough(front)
-        return cls(turned, seen[fair].sum(axis=0), views, fair, in_need)
+        return cls(turned, seen[fair].sum(axis=0), views, fair, inside, in_need)
 
     def empty(
         self, points: FloatArray, some: npt.NDArray[np.bool_], enough: int

@@ -164,7 +164,8 @@ def _floor(standing: Standing, hidden: float, volume: float, advice: str) -> Ite
         yield Notice(
             "floor-at-lowest-points",
             "the body is open below and the cloud holds no ground: it was taken to stand level on "
-            "its lowest points; --floor Z sets another elevation",
+            "its lowest points, and what lies lower is not measured; --floor Z sets another "
+            "elevation",
             elevation_m=floor.elevation,
         )
     elif floor.found == "in the cloud":
