@@ -162,7 +162,7 @@ def test_coverage_is_what_docs_say_it_is(cameras: int) -> None:
     low, high = told["low_m3"], told["high_m3"]
     coverage = next(one.std_m3 for one in result.budget if one.source == "coverage")
     share, likely = told["share"], 0.62 * low + 0.38 * high
-    of_volume = np.hypot(0.03 * share, 3.5 * share**4) * likely
+    of_volume = np.hypot(0.03 * share, 2.5 * share**4) * likely
     assert coverage == pytest.approx(np.hypot((high - low) / np.sqrt(12.0), of_volume), rel=1e-9)
 
 
@@ -216,7 +216,10 @@ def test_a_side_of_a_ball_that_no_camera_saw_goes_on_as_it_curves(share: float, 
     points = points[points[:, 0] < 1.0 - 2.0 * share] + np.array([0.0, 0.0, 1.0])
     result = volume_of(on_ground(points, 0.8))
     assert result.volume_m3 == pytest.approx(4.0 / 3.0 * np.pi, rel=off)
-    assert abs(result.volume_m3 - 4.0 / 3.0 * np.pi) < 3.0 * result.std_m3
+    assert abs(result.volume_m3 - 4.0 / 3.0 * np.pi) < 2.6 * result.std_m3
+    # Places that look in count in the smaller completion only.
+    told = next(one.values for one in result.warnings if one.code == "surface-completed")
+    assert told["high_m3"] > 0.993 * 4.0 / 3.0 * np.pi
 
 
 def test_normals_of_a_patch_point_to_the_side_that_most_of_it_was_seen_from() -> None:

@@ -45,8 +45,9 @@ _UNDERSIDE = 0.1
 _SURELY_HIGHER = 10.0
 _LOWEST = 3.0
 
-#: Nobody is sure to have stood where a camera would see more than this share of what it sees of a
-#: body from behind: it would have seen, and shown, what hides that (chosen).
+#: Nobody is sure to have stood where a camera would see this share more of a body from behind than
+#: from half of all places: it would have seen, and shown, what hides that. In narrow places, where
+#: sides are mixed up, all see some (chosen).
 _LOOKS_IN = 0.03
 
 #: Shares of the curvature that goes on: in the smaller completion and in the larger one.
@@ -284,7 +285,8 @@ def _views(
     lowest = min(max(lowest_told(views.normals[:count]), 0.0), HIGHEST)
     places, unsure = places_all_round(standing.points, below, lowest)
     views = Views.of(seen, spacing, places, views.patches, ground)
-    return views, unsure | (views.inside > _LOOKS_IN), stands
+    looks_in = views.inside > np.median(views.inside) + _LOOKS_IN
+    return views, unsure | looks_in, stands
 
 
 def _seen_from_below(standing: Standing, views: Views) -> bool:
