@@ -70,6 +70,7 @@ def test_without_ground_there_is_none():
     assert base_std(standing, enclose(points, hollow=False, max_gap=None)) is None
 
 
+@pytest.mark.one_python
 def test_of_uneven_ground_alone_there_may_be_nothing(rng):
     """A bent surface 2 m wide and as high as its points are apart, closed at the lowest of them."""
     x, y = rng.uniform(-1.0, 1.0, (2, 20_000))
