@@ -27,6 +27,17 @@ def test_a_cap_that_is_missing_from_a_ball_is_what_was_cut_off(degrees):
     assert 0.1 * cap < std < 0.7 * cap
 
 
+def test_what_is_beyond_one_opening_tells_nothing_of_another():
+    """Three of the same size: three times the volume, but the root of three of the std of one."""
+    points = even_vectors(20_000)
+    axes = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+    seen = points @ axes.T < math.cos(math.radians(20.0))
+    volume, std = beyond(points[seen[:, 0]])
+    all_three, their_std = beyond(points[seen.all(axis=1)])
+    assert all_three == pytest.approx(3.0 * volume, rel=0.05)
+    assert their_std == pytest.approx(math.sqrt(3.0) * std, rel=0.05)
+
+
 @pytest.mark.one_python
 def test_a_dent_is_as_deep_as_a_cap_is_high():
     """A ball pressed into a block: nobody saw its lowest 20 degrees."""

@@ -12,9 +12,11 @@ import math
 from typing import Tuple
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from ...types import FloatArray
+from ...types import FloatArray, IntArray
 from .enclose import Enclosed
 from .facets import bend, is_among, unit
 
@@ -31,7 +33,8 @@ _BLOCK = 4096  # lids at a time, for their triangles take memory
 
 #: What edges within openings add, and its standard deviation, as shares of area times width times
 #: the square of the sine of the angle between lid and surface, where that is least; and the
-#: standard deviation from noise, as a share of area, width, and thickness of the skin by spacing.
+#: standard deviation from noise, as a share of area, width, and thickness of the skin by spacing:
+#: of each opening by itself.
 #: Most likely for benchmarks/openings.py and samplings.py (lines) are 0.13, 0.14 and 0.21; few are
 #: wrong by much more (docs/method.md).
 _OF_EDGES = 0.12
@@ -53,10 +56,24 @@ def beyond_lids(body: Enclosed) -> Tuple[float, float]:
     angles = (at_rim * unit(doubled[lid])[:, None]).sum(axis=2)
     cosine = np.clip(angles.max(axis=1), -1.0, 1.0)
     smooth = float((lids * bend(corners, at_rim)).sum()) / _LONGER
-    steep = float((lids * width * (1.0 - cosine**2)).sum())
+    steep = lids * width * (1.0 - cosine**2)
     thickness = body.skin / float(area[~lid].sum())
-    noise = min(1.0, thickness / body.spacing) * float((lids * width).sum())
-    return smooth + _OF_EDGES * steep, math.hypot(_OF_EDGES_STD * steep, _OF_NOISE * noise)
+    noise = min(1.0, thickness / body.spacing) * lids * width
+    opening = _openings(surface.number[lid])
+    stds = [_OF_EDGES_STD * np.bincount(opening, steep), _OF_NOISE * np.bincount(opening, noise)]
+    return smooth + _OF_EDGES * float(steep.sum()), float(np.linalg.norm(stds))
+
+
+def _openings(number: IntArray) -> IntArray:
+    """(L,) the opening that each lid belongs to: lids (L, 3) that share a corner are of one.
+
+    What a surface does over one is all the same way, and nothing tells of another.
+    """
+    corner = np.unique(number, return_inverse=True)[1].reshape(-1, 3)
+    one, other = corner[:, [0, 0]].ravel(), corner[:, 1:].ravel()
+    count = int(corner.max()) + 1
+    same = coo_matrix((np.ones(len(one), np.int8), (one, other)), shape=(count, count))
+    return np.asarray(connected_components(same, directed=False)[1][corner[:, 0]])
 
 
 def _near(
