@@ -20,7 +20,7 @@ import math
 import sys
 from functools import cache
 from pathlib import Path
-from typing import Callable, Dict, List, Tuple
+from typing import Callable, Dict, List, Optional, Tuple
 
 import numpy as np
 
@@ -89,21 +89,27 @@ def on_parts(body: Body, draw: Callable[[Part], np.ndarray]) -> np.ndarray:
     return np.concatenate(found)
 
 
-def spread(length: float, step: float, ends: bool) -> np.ndarray:
-    """Return places from -1 to 1: with both ends, or in the middles of steps."""
+def spread(length: float, step: float, first: Optional[float]) -> np.ndarray:
+    """Return places from -1 to 1: with both ends, or the first one a share of a step from one."""
     count = max(2, round(length / step))
-    return np.linspace(-1, 1, count + 1) if ends else (np.arange(count) + 0.5) * 2 / count - 1
+    if first is None:
+        return np.linspace(-1, 1, count + 1)
+    return (np.arange(count) + first) * 2 / count - 1
 
 
-def regular(part: Part, step: float, ends: bool) -> np.ndarray:
-    """Return the points of a part on grids, rings and golden spirals, in its own half extents."""
+def regular(part: Part, step: float, rng: Optional[np.random.Generator]) -> np.ndarray:
+    """Return the points of a part on grids, rings and golden spirals, in its own half extents.
+
+    Edges lie anywhere within a step of them, or have points along them where no chance is given.
+    """
     a, b, c = part.half
     if part.kind == "ball":
         return even_vectors(max(12, round(4 * math.pi * a**2 / step**2)))
     if part.kind == "cylinder":
-        rings = [(1.0, z) for z in spread(2 * c, step, ends)]
-        inner = spread(2 * a, step, ends)
-        rings += [(away, z) for away in inner[(inner >= 0) & (inner < 1)] for z in (-1.0, 1.0)]
+        rings = [(1.0, z) for z in spread(2 * c, step, rng and rng.random())]
+        for z in (-1.0, 1.0):
+            inner = spread(2 * a, step, rng and rng.random())
+            rings += [(away, z) for away in inner[(inner >= 0) & (inner < 1)]]
         found = []
         for number, (away, z) in enumerate(rings):
             count = max(1, round(2 * math.pi * a * away / step))
@@ -111,25 +117,25 @@ def regular(part: Part, step: float, ends: bool) -> np.ndarray:
             round_about = away * np.column_stack([np.cos(turn), np.sin(turn)])
             found.append(np.column_stack([round_about, np.full(count, z)]))
         return np.concatenate(found)
-    axes = [spread(2 * half, step, ends) for half in (a, b, c)]
     found = []
     for axis in range(3):
-        u, v = np.meshgrid(*(axes[other] for other in range(3) if other != axis))
-        places = np.column_stack([u.ravel(), v.ravel()])
-        found += [np.insert(places, axis, at, axis=1) for at in (-1.0, 1.0)]
+        for at in (-1.0, 1.0):
+            sides = [2 * half for other, half in enumerate((a, b, c)) if other != axis]
+            u, v = np.meshgrid(*(spread(side, step, rng and rng.random()) for side in sides))
+            found.append(np.insert(np.column_stack([u.ravel(), v.ravel()]), axis, at, axis=1))
     return np.unique(np.concatenate(found), axis=0)
 
 
 def on_grids(body: Body, count: int, rng: np.random.Generator) -> np.ndarray:
     """Grids, golden spirals and rings, none of their points on an edge of a part."""
     step = math.sqrt(body.area / count)
-    return on_parts(body, lambda part: regular(part, step, ends=False))
+    return on_parts(body, lambda part: regular(part, step, rng))
 
 
 def on_meshes(body: Body, count: int, rng: np.random.Generator) -> np.ndarray:
     """The same with points on all edges of parts, as meshes have."""
     step = math.sqrt(body.area / count)
-    return on_parts(body, lambda part: regular(part, step, ends=True))
+    return on_parts(body, lambda part: regular(part, step, None))
 
 
 def in_cubes(body: Body, count: int, rng: np.random.Generator) -> np.ndarray:

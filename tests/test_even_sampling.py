@@ -106,6 +106,42 @@ def test_a_grid_on_a_cube(steps, ends):
     holds(np.unique(np.vstack(faces), axis=0), CUBE, rng, 0.5 / steps**2)
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_edges_lie_anywhere_within_a_step_of_grids(seed):
+    """Each face with a phase of its own: z was up to 42, where only halves of steps were tried."""
+    rng, step = np.random.default_rng(seed), 0.04
+    sides, faces = rng.uniform(0.6, 1.6, 3), []
+    for axis in range(3):
+        for at in (0.0, sides[axis]):
+            u, v = (np.arange(rng.random() * step, side, step) for side in np.delete(sides, axis))
+            places = np.column_stack([some.ravel() for some in np.meshgrid(u, v)])
+            faces.append(np.insert(places, axis, at, axis=1))
+    points = np.concatenate(faces) @ Rotation.from_rotvec([0.9, -0.5, 0.7]).as_matrix()
+    holds(points, math.prod(sides), rng, 0.003)
+
+
+@pytest.mark.parametrize("corners", [5, 6, 8])
+def test_edges_of_which_some_seem_to_have_points_along_them(corners):
+    """A prism has them on all, but its caps' grid is not along these: z was up to 31."""
+    step, height = 0.04, 0.8
+    turn = 2.0 * math.pi * np.arange(corners + 1) / corners
+    outline = 0.7 * np.column_stack([np.cos(turn), np.sin(turn)])
+    count = round(1.4 * math.sin(math.pi / corners) / step)
+    share = np.arange(count)[:, None] / count
+    rim = np.concatenate([a + share * (b - a) for a, b in zip(outline[:-1], outline[1:])])
+    levels = np.linspace(0.0, height, round(height / step) + 1)
+    points = [np.insert(rim, 2, level, axis=1) for level in levels]
+    grid = np.arange(-0.7, 0.7, step) + 0.013
+    inner = np.column_stack([some.ravel() for some in np.meshgrid(grid, grid + 0.007)])
+    apothem = 0.7 * math.cos(math.pi / corners)
+    out = 0.5 * (outline[:-1] + outline[1:]) / apothem
+    inner = inner[(inner @ out.T < apothem - 1e-6).all(axis=1)]
+    points += [np.insert(inner, 2, level, axis=1) for level in (0.0, height)]
+    area = 0.5 * corners * 0.49 * math.sin(2.0 * math.pi / corners)
+    askew = Rotation.from_rotvec([0.9, -0.5, 0.7]).as_matrix()
+    holds(np.concatenate(points) @ askew, area * height, np.random.default_rng(1), 0.003)
+
+
 @pytest.mark.parametrize("form", ["ball", "torus"])
 def test_scan_lines(form):
     """A third of the points, thinned along the lines, tells nothing of the gaps between them.

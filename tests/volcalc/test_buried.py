@@ -46,3 +46,10 @@ def test_noise_of_a_single_surface_may_be_no_body_at_all(noise: float) -> None:
     result = volume_of(flat + OFFSET, floor="none")
     assert "walls-too-thin" in {notice.code for notice in result.warnings}
     assert abs(result.volume_m3) < 1.96 * result.std_m3
+
+
+@pytest.mark.parametrize("hollow", [True, False])
+def test_points_all_through_space_enclose_no_less_than_nothing(hollow: bool) -> None:
+    """What the surface holds too much was more than all of it: -27 and -35 m3."""
+    result = volume_of(np.random.default_rng(0).normal(size=(2_000, 3)) + OFFSET, hollow=hollow)
+    assert 0.0 <= result.volume_m3 < 1.96 * result.std_m3

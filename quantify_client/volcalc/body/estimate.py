@@ -96,9 +96,11 @@ _OF_EDGES = 0.15
 _OF_DEPTH = 0.1
 _OF_NEITHER = 0.6
 
-#: Where faces lie along voxels, it is unknown where within these their edges do: a standard
-#: deviation as a share of the facets, too (measured).
+#: On grids, and where faces lie along voxels, it is unknown where within a step edges lie; where
+#: some edges have points along them, whether all have: standard deviations as shares of what is cut
+#: off there (measured; nothing or all).
 _OF_UNKNOWN_EDGES = 0.3
+_OF_DOUBTFUL = 0.5
 
 #: Of points at random, e is less than 0 by this over the root of their number on average (edges
 #: chamfer), and has that standard deviation: measured (docs/method.md).
@@ -179,7 +181,7 @@ def estimate(
     points = _points(body)
     pattern = _Pattern.of(found, again, every, above, points)
     kept = found.volume(pattern.on_grid)
-    deep = pattern.depth if merged is None else _depth_of(merged, found)
+    deep = pattern.depth(found.sharp) if merged is None else _depth_of(merged, found)
     either = _TOO_DEEP * pattern.either if merged is None else 0.0
     noise = _noise(body, again, found, kept, pattern)
     narrow = _OF_WALLS * body.walls - _OF_CLEFTS * body.clefts
@@ -195,7 +197,8 @@ def estimate(
             _OF_EDGES * (1.0 + pattern.even) * (found.edges - found.edges_by_turn),
             math.hypot(_OF_DEPTH * deep, either) * kept,
             _OF_NEITHER * pattern.neither * kept,
-            _OF_UNKNOWN_EDGES * pattern.in_rows * kept,
+            _OF_UNKNOWN_EDGES * pattern.in_rows * found.chamfered,
+            _OF_DOUBTFUL * found.doubtful,
             _OF_NARROW * math.hypot(body.walls, body.clefts),
             unsure * narrow,
         ),
@@ -212,7 +215,7 @@ def _of_thin_walls(body: Enclosed) -> Estimate:
     of_rim = 0.0
     if body.water > 0.0:
         of_rim = _RIM * body.spacing / (body.surface.highest - body.surface.lowest) * body.water
-    volume = body.within - body.moved - _OF_BURIED * body.buried
+    volume = max(0.0, body.within - body.moved - _OF_BURIED * body.buried)
     spread = min(1.0, _BURIED_IN_NOISE * body.buried / body.within)
     outline_std = math.hypot(
         _OF_BURIED_STD * body.buried,
@@ -233,7 +236,8 @@ class _Pattern:
     even : from 0, at random, to 1, evenly spaced.
     neither : how little even and random points tell of these.
     of_voxels : from 0, a least distance apart, to 1, means of voxels.
-    in_rows : from 0 to 1, means of voxels along flat faces, as far as facets belong to edges.
+    unmixed : from 0 to 1: less of even points with noise, or mixed with points at random.
+    in_rows : from 0 to 1, on grids or nearly, as means of voxels along flat faces are.
     on_grid : from 0 to 1, on grids.
     """
 
@@ -241,6 +245,7 @@ class _Pattern:
     even: float
     neither: float
     of_voxels: float
+    unmixed: float
     in_rows: float
     on_grid: float
 
@@ -262,10 +267,11 @@ class _Pattern:
         short = max(at_random - own for at_random, own in zip(_RATIOS_AT_RANDOM, near)) / _SHORT
         in_groups = min(1.0, max(0.0, short))
         on_grid = _on_grid(near)
-        in_rows = _in_rows(near) * (1.0 - on_grid) * (1.0 - in_groups) * found.sharp
+        in_rows = max(on_grid, _in_rows(near) * (1.0 - in_groups))
+        unmixed = max(in_groups, _even(near.first))
         if again is None:
             even = _even(near.first) * (1.0 - in_groups)
-            return cls(math.inf, even, _MOST_NEITHER, of_voxels, in_rows, on_grid)
+            return cls(math.inf, even, _MOST_NEITHER, of_voxels, unmixed, in_rows, on_grid)
         ratio = coarseness_of(again.surface, again.patches, above) / found.coarseness
         even = min(1.0, (ratio / every - 1.0) / (_EVEN[every] - 1.0))
         chance = _CHANCE / math.sqrt(max(1, len(points)))
@@ -276,6 +282,7 @@ class _Pattern:
             even=max(0.0, even),
             neither=min(_MOST_NEITHER, neither),
             of_voxels=of_voxels,
+            unmixed=unmixed,
             in_rows=in_rows,
             on_grid=on_grid,
         )
@@ -285,16 +292,22 @@ class _Pattern:
         """Whether points are means of voxels, 0 to 1."""
         return self.even * self.of_voxels
 
-    @property
-    def depth(self) -> float:
-        """What means of voxels lie too deep by, as a share of the facets."""
+    def depth(self, sharp: float) -> float:
+        """Return what means of voxels lie too deep by, as a share of the facets.
+
+        Parameters
+        ----------
+        sharp : share of the curvature that belongs to edges, 0 to 1.
+        """
         across = _TOO_DEEP * self.means
-        return across + self.in_rows * (_TOO_DEEP_IN_ROWS - across)
+        along_faces = self.in_rows * (1.0 - self.on_grid) * sharp
+        return across + along_faces * (_TOO_DEEP_IN_ROWS - across)
 
     @property
     def either(self) -> float:
         """Standard deviation of whether they are."""
-        return self.even * math.sqrt(self.of_voxels * (1.0 - self.of_voxels))
+        likely = self.of_voxels * self.unmixed
+        return self.even * math.sqrt(likely * (1.0 - likely))
 
 
 def _noise(

@@ -15,7 +15,7 @@ from scipy.ndimage import binary_dilation, distance_transform_edt, label
 from scipy.spatial import cKDTree
 
 from ...types import FloatArray, IntArray
-from .spacing import PROCESSORS, spacings
+from .spacing import spacings
 
 __all__ = ["Occupancy", "cover", "occupancy_volume"]
 
@@ -95,7 +95,7 @@ def _distances(
     away = np.full(empty.shape, np.inf)
     middles = low + (np.argwhere(near) + 0.5) * cell
     tree = cKDTree(points)
-    away[near] = tree.query(middles, distance_upper_bound=reach, workers=PROCESSORS)[0]
+    away[near] = tree.query(middles, distance_upper_bound=reach)[0]
     return away
 
 

@@ -10,10 +10,9 @@ from scipy.spatial import cKDTree
 
 from ...types import FloatArray
 
-__all__ = ["PROCESSORS", "Nearness", "is_far", "is_outlier", "nearness", "spacings"]
+__all__ = ["Nearness", "is_far", "is_outlier", "nearness", "spacings"]
 
-#: That neighbours are looked for on, where there are so many.
-PROCESSORS = 2
+# No query has workers: interrupted, it leaves threads that go on in memory which is free by then.
 
 #: Far enough that two points by chance together do not matter, near enough to be local.
 _NEIGHBOUR = 6
@@ -35,7 +34,7 @@ def spacings(points: FloatArray) -> FloatArray:
     points : (N, 3) float64, metres.
     """
     nth = min(_NEIGHBOUR + 1, len(points))
-    away: FloatArray = cKDTree(points).query(points, [nth], workers=PROCESSORS)[0][:, 0]
+    away: FloatArray = cKDTree(points).query(points, [nth])[0][:, 0]
     return away
 
 
@@ -62,7 +61,7 @@ def nearness(points: FloatArray) -> Nearness:
     """
     if len(points) <= _FOURTH:
         return Nearness(1.0, 1.0, 1.0, 1.0)
-    away = cKDTree(points).query(points, range(2, _FOURTH + 2), workers=PROCESSORS)[0]
+    away = cKDTree(points).query(points, range(2, _FOURTH + 2))[0]
     ratios = away[:, :-1] / np.maximum(away[:, 1:], np.finfo(float).tiny)
     first, second, third = ratios.mean(axis=0).tolist()
     return Nearness(first, second, third, float(np.mean(ratios[:, 0] > _EQUAL)))
