@@ -359,3 +359,14 @@ def test_points_that_enclose_nothing_by_themselves_are_told():
     assert told["points-outside-body"].values["share"] == pytest.approx(0.2, abs=0.01)
     noisy = ball + rng.normal(0.0, 0.01, ball.shape)
     assert "points-outside-body" not in {one.code for one in volume_of(noisy).warnings}
+
+
+def test_a_block_of_which_only_the_top_was_seen_is_anything_above_its_ground():
+    """Seen straight from above: it was larger than the box round the points of its top."""
+    rng = np.random.default_rng(4)
+    top = np.column_stack([rng.uniform(-1.0, 1.0, (6_000, 2)), np.full(6_000, 2.0)])
+    ground = rng.uniform(-4.0, 4.0, (24_000, 2))
+    ground = ground[np.abs(ground).max(axis=1) > 1.0]
+    points = np.vstack([top, np.column_stack([ground, np.zeros(len(ground))])])
+    result = volume_of(points + 0.004 * rng.standard_normal(points.shape) + OFFSET)
+    assert abs(result.volume_m3 - 8.0) < 1.96 * result.std_m3

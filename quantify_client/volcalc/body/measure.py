@@ -196,7 +196,8 @@ def _require_room(standing: Standing, least: float) -> None:
     least : lower limit of its volume, m3.
     """
     points = standing.points
-    heights = np.concatenate([points[:, 2], standing.lid[:, 2]])  # the lid is wider than the body
+    ground = [] if standing.pose is None else [0.0]
+    heights = np.concatenate([points[:, 2], standing.lid[:, 2], ground])  # the lid is too wide
     box = float(np.prod(np.ptp(points[:, :2], axis=0)) * (np.ptp(heights) + standing.sure))
     if least > _ROOM * box:
         raise InputError(
