@@ -126,17 +126,17 @@ def _completed(unseen: Unseen, gaps: Sequence[Gap], place: _Place, cameras: int)
     where = f" (the widest opening at {place(gaps[0])})" if gaps else ""
     if unseen.cameras:
         number = unseen.cameras
-        told = f"by {number:,} known camera position{'s' if number > 1 else ''}"
+        told = f"{number:,} known camera position{'s tell' if number > 1 else ' tells'}"
     else:
-        told = "as if cameras had stood all round it"
+        told = "cameras are taken to have stood all round it, which tells"
+    advice = "photographs of these sides, or from lower down, make the error smaller"
     if not cameras:
-        told += "; where they did, --cameras FILE, made errors of known bodies a tenth smaller"
+        advice += "; so may --cameras FILE, with where the cameras stood"
     return Notice(
         "surface-completed",
-        f"{unseen.share:.0%} of the surface was not seen{where}: completed as small and as large "
-        f"as is plausible it encloses {unseen.low:.4g} and {unseen.high:.4g} m3 ({told}), and what "
-        "lies between counts; photographs of these sides, or from lower down, make the error "
-        "smaller",
+        f"{unseen.share:.0%} of the surface was not seen{where}: completed in two ways it encloses "
+        f"{unseen.low:.4g} and {unseen.high:.4g} m3; the volume lies between, and what they differ "
+        f"by is a part of its error ({told} what is empty); {advice}",
         share=unseen.share,
         low_m3=unseen.low,
         high_m3=unseen.high,
