@@ -72,9 +72,6 @@ test: say say39
 	@$(MAKE) --no-print-directory suite
 	@$(MAKE) --no-print-directory -j2 SIDE_BY_SIDE=1 suite39 broker
 
-# Workers have no more than a processor each: threads of BLAS would wait for each other in all of
-# them, which took half of all processor time.
-WORKERS = MPLBACKEND=Agg OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 SUITE = -m pytest -n $(JOBS) --dist worksteal --durations=10
 
 environments: $(DEV)/.ready $(if $(PYTHON39),$(OLD)/.ready)
@@ -92,13 +89,13 @@ format: $(DEV)/.ready
 	$(DEV)/bin/ruff format .
 
 suite: $(DEV)/.ready
-	$(WORKERS) $(DEV)/bin/python $(SUITE) $(if $(PYTHON39),-m "not webodm_python")
+	MPLBACKEND=Agg $(DEV)/bin/python $(SUITE) $(if $(PYTHON39),-m "not webodm_python")
 
 test-newest:
 	$(call need_python,$(PYTHON313))
 	$(call install,$(NEWEST),$(PYTHON313),-e ".[dev]")
 	$(NEWEST)/bin/python -m pip freeze --exclude-editable
-	$(WORKERS) $(NEWEST)/bin/python $(SUITE)
+	MPLBACKEND=Agg $(NEWEST)/bin/python $(SUITE)
 
 test-live: $(DEV)/.ready
 	@test -n "$(NODEODM_URL)" || { echo "make: NODEODM_URL is not set: give the address of a NodeODM" \
@@ -114,7 +111,7 @@ fuzz: $(DEV)/.ready
 	$(DEV)/bin/python tests/fuzz/run.py --runs $(or $(RUNS),2000) --seed $(or $(SEED),1)
 
 coverage: $(DEV)/.ready
-	$(WORKERS) $(DEV)/bin/python -m pytest -n $(JOBS) --cov
+	MPLBACKEND=Agg $(DEV)/bin/python -m pytest -n $(JOBS) --cov
 
 say:
 ifeq ($(DEV_LOCK),)
@@ -136,7 +133,7 @@ lint39: $(OLD)/.ready
 
 suite39: $(OLD)/.ready
 	@# What a failed assertion held is told above: here it would be compiled for each worker.
-	$(WORKERS) $(OLD)/bin/python $(SUITE) --assert=plain -m "not one_python" \
+	MPLBACKEND=Agg $(OLD)/bin/python $(SUITE) --assert=plain -m "not one_python" \
 	  --hypothesis-profile second_python
 else
 say39:
