@@ -142,6 +142,12 @@ def test_edges_of_which_some_seem_to_have_points_along_them(corners):
     holds(np.concatenate(points) @ askew, area * height, np.random.default_rng(1), 0.003)
 
 
+def test_even_points_mixed_with_points_at_random_are_no_means_of_voxels():
+    """As far from both: the nearest distances of means are not so short. z was 9."""
+    points = np.vstack([even_vectors(4_000), ball(1_000, np.random.default_rng(3))])
+    holds(points, BALL, np.random.default_rng(1), 0.001)
+
+
 @pytest.mark.parametrize("form", ["ball", "torus"])
 def test_scan_lines(form):
     """A third of the points, thinned along the lines, tells nothing of the gaps between them.

@@ -32,11 +32,10 @@ from typing import Tuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from ...types import FloatArray, IntArray
 from .sections import BodySurface
+from .tetrahedra import connected
 
 __all__ = ["Facets", "bend", "coarseness_of", "facets_of", "is_among", "unit"]
 
@@ -242,9 +241,7 @@ class _Sides:
     def apart_at(self, edges: npt.NDArray[np.bool_]) -> IntArray:
         """(K, 3) numbers of corners: one to a point, and one for each side of edges (S,)."""
         one, other = self.ends[:, :, ~edges]
-        pairs = one.ravel(), other.ravel()
-        same = coo_matrix((np.ones(one.size, np.int8), pairs), shape=(self.corners,) * 2)
-        number = connected_components(same, directed=False)[1]
+        number = connected(one.ravel(), other.ravel(), self.corners)
         return np.asarray(number.reshape(3, -1).T)
 
 

@@ -197,7 +197,8 @@ def _require_room(standing: Standing, least: float) -> None:
     """
     points = standing.points
     ground = [] if standing.pose is None else [0.0]
-    heights = np.concatenate([points[:, 2], standing.lid[:, 2], ground])  # the lid is too wide
+    # Heights only: the lid is wider than the body.
+    heights = np.concatenate([points[:, 2], standing.lid[:, 2], ground])
     box = float(np.prod(np.ptp(points[:, :2], axis=0)) * (np.ptp(heights) + standing.sure))
     if least > _ROOM * box:
         raise InputError(

@@ -12,13 +12,12 @@ import math
 from typing import Tuple
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from ...types import FloatArray, IntArray
 from .enclose import Enclosed
 from .facets import bend, is_among, unit
+from .tetrahedra import connected
 
 __all__ = ["beyond_lids"]
 
@@ -71,9 +70,7 @@ def _openings(number: IntArray) -> IntArray:
     """
     corner = np.unique(number, return_inverse=True)[1].reshape(-1, 3)
     one, other = corner[:, [0, 0]].ravel(), corner[:, 1:].ravel()
-    count = int(corner.max()) + 1
-    same = coo_matrix((np.ones(len(one), np.int8), (one, other)), shape=(count, count))
-    return np.asarray(connected_components(same, directed=False)[1][corner[:, 0]])
+    return np.asarray(connected(one, other, int(corner.max()) + 1)[corner[:, 0]])
 
 
 def _near(
