@@ -96,11 +96,9 @@ _OF_EDGES = 0.2
 _OF_DEPTH = 0.1
 _OF_NEITHER = 0.6
 
-#: On grids, and where faces lie along voxels, it is unknown where within a step edges lie; where
-#: some edges have points along them, whether all have: standard deviations as shares of what is cut
-#: off there (measured; nothing or all).
+#: On grids, and where faces lie along voxels, it is unknown where within a step edges lie: a
+#: standard deviation as a share of what is cut off there (measured).
 _OF_UNKNOWN_EDGES = 0.3
-_OF_DOUBTFUL = 0.5
 
 #: Of points at random, e is less than 0 by this over the root of their number on average (edges
 #: chamfer), and has that standard deviation: measured (docs/method.md).
@@ -198,7 +196,6 @@ def estimate(
             math.hypot(_OF_DEPTH * deep, either) * kept,
             _OF_NEITHER * pattern.neither * kept,
             _OF_UNKNOWN_EDGES * pattern.in_rows * found.chamfered,
-            _OF_DOUBTFUL * found.doubtful,
             _OF_NARROW * math.hypot(body.walls, body.clefts),
             unsure * narrow,
         ),

@@ -44,10 +44,6 @@ __all__ = ["Facets", "bend", "coarseness_of", "facets_of", "is_among", "unit"]
 _SHARPER = 10.0
 _SHARP = 0.2
 
-#: Of points at random, a least distance apart and the like no more than the first share of edges is
-#: taken to have points along it; of meshes with points along all edges the last one or more.
-_DOUBTFUL = (0.1, 0.3, 0.5, 0.7)
-
 #: Sides that turn by more than this (radians) are edges, not curvature.
 _EDGE = 0.5
 
@@ -61,7 +57,6 @@ class Facets:
     smooth, edges : between edges, and at those without points along them, by normals, m3.
     smooth_by_turn, edges_by_turn : the same by the mean curvature, evenly over all triangles, m3.
     chamfered : the root of its squares where edges bulge, and where they do not, m3.
-    doubtful : the same of edges of which some have points along them, and some have not, m3.
     sharp : share of the mean curvature that belongs to edges, 0 to 1.
     curvature : integral of the mean curvature over the surface, m.
     area : of the triangles, m2.
@@ -73,7 +68,6 @@ class Facets:
     smooth_by_turn: float
     edges_by_turn: float
     chamfered: float
-    doubtful: float
     sharp: float
     curvature: float
     area: float
@@ -95,7 +89,7 @@ def facets_of(surface: BodySurface, patches: FloatArray, above: float = -np.inf)
     """
     own = _own(surface, patches, above)
     if not own.any():
-        return Facets(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+        return Facets(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
     corners = surface.corners[own]
     number = np.unique(surface.number[own], return_inverse=True)[1].reshape(-1, 3)
     normals = surface.normals()[own]
@@ -109,7 +103,7 @@ def facets_of(surface: BodySurface, patches: FloatArray, above: float = -np.inf)
         at_corners = _at_corners(at, normals, doubled, squares)[at]
         return float(0.5 * doubled @ bend(corners, at_corners))
 
-    along, doubt = sides.along()
+    along = sides.along()
     smooth, chamfered = cut_off(sides.sharp), sides.sharp & ~along
     mean, turned = _mean(doubled, squares), float(sides.turned.sum())
     sharp = float(sides.turned[sides.sharp].sum())
@@ -120,7 +114,6 @@ def facets_of(surface: BodySurface, patches: FloatArray, above: float = -np.inf)
         smooth_by_turn=(turned - sharp) * mean / 24.0,
         edges_by_turn=sum(each) * mean / 24.0,
         chamfered=math.hypot(*each) * mean / 24.0,
-        doubtful=doubt * mean / 24.0,
         sharp=min(1.0, max(0.0, sharp / turned)) if turned > 0.0 else 0.0,
         curvature=turned,
         area=0.5 * float(doubled.sum()),
@@ -224,19 +217,14 @@ class _Sides:
         """(S,) True for sides at which the surface bulges, and for those at which it is hollow."""
         return self.turned > 0.0, self.turned < 0.0
 
-    def along(self) -> Tuple[npt.NDArray[np.bool_], float]:
-        """(S,) True for edges with points along them: all that bulge where most of them have.
-
-        Second, what those of the others turn by of which that is not sure, m.
-        """
-        along, doubts = self.lone.copy(), []
+    def along(self) -> npt.NDArray[np.bool_]:
+        """(S,) True for edges with points along them: all that bulge where most of them have."""
+        along = self.lone.copy()
         for some in self.ways():
             lone, sharp = (abs(self.turned[some & way].sum()) for way in (self.lone, self.sharp))
-            share = lone / sharp if sharp > 0.0 else 0.0
-            if share > 0.5:
+            if lone > 0.5 * sharp:
                 along |= some & self.sharp
-            doubts.append((sharp - lone) * float(np.interp(share, _DOUBTFUL, (0, 1, 1, 0))))
-        return along, math.hypot(*doubts)
+        return along
 
     def apart_at(self, edges: npt.NDArray[np.bool_]) -> IntArray:
         """(K, 3) numbers of corners: one to a point, and one for each side of edges (S,)."""
