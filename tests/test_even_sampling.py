@@ -47,6 +47,14 @@ def torus(count, rng):
     return np.column_stack([away * np.cos(u), away * np.sin(u), 0.4 * np.sin(v)])
 
 
+def grid_on_cube(steps, ends):
+    """Points at the ends of steps, or a share of a step from one."""
+    side = (np.arange(steps + (ends == 0.0)) + ends) / steps - 0.5
+    places = np.column_stack([axis.ravel() for axis in np.meshgrid(side, side)])
+    faces = [np.insert(places, axis, at, axis=1) for axis in range(3) for at in (-0.5, 0.5)]
+    return np.unique(np.vstack(faces), axis=0)
+
+
 FORMS = {"ball": (ball, BALL), "cube": (cube, CUBE), "torus": (torus, TORUS)}
 
 
@@ -99,11 +107,7 @@ def test_a_ball_of_golden_spirals(count):
 @pytest.mark.parametrize("ends", [0.0, 0.5])
 def test_a_grid_on_a_cube(steps, ends):
     """Grids in the middles of steps cut every edge off, grids with points on the edges none."""
-    side = (np.arange(steps + (ends == 0.0)) + ends) / steps - 0.5
-    places = np.column_stack([axis.ravel() for axis in np.meshgrid(side, side)])
-    faces = [np.insert(places, axis, at, axis=1) for axis in range(3) for at in (-0.5, 0.5)]
-    rng = np.random.default_rng(2)
-    holds(np.unique(np.vstack(faces), axis=0), CUBE, rng, 0.5 / steps**2)
+    holds(grid_on_cube(steps, ends), CUBE, np.random.default_rng(2), 0.5 / steps**2)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -185,6 +189,14 @@ def test_what_is_merged_while_it_streams_lies_no_deeper_than_is_known(count):
     """A few points to a cube, or many: their means lie below the surface by other shares."""
     rng = np.random.default_rng(10)
     holds(torus(count, rng), TORUS, rng, 0.0001)
+
+
+@pytest.mark.parametrize("ends", [0.0, 0.5])
+def test_grids_that_are_thinned_while_they_stream(ends):
+    """Voxels hide whether points lie along edges: with their ends, or half a step from them."""
+    rng = np.random.default_rng(12)
+    turn = Rotation.from_euler("xyz", [20, 30, 40], degrees=True)
+    holds(turn.apply(grid_on_cube(160, ends)), CUBE, rng, 0.0003)
 
 
 @pytest.mark.parametrize("between", [0.08, 0.05])

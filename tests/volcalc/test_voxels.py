@@ -190,7 +190,7 @@ def test_fewer_than_two_points_to_a_cube_are_not_merged():
     assert len(found.points) <= 700
     assert 0.0 < found.merged.scatter < found.edge**2 / 3.0
     assert found.merged.share == len(found.points) / len(whole.points)
-    assert 0.4 < found.merged.nearness < 1.0
+    assert 0.4 < found.merged.near.first < 1.0
 
 
 def test_thinning_leaves_most_of_what_may_be_left():

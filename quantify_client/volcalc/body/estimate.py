@@ -96,8 +96,9 @@ _OF_EDGES = 0.2
 _OF_DEPTH = 0.1
 _OF_NEITHER = 0.6
 
-#: On grids, and where faces lie along voxels, it is unknown where within a step edges lie: a
-#: standard deviation as a share of what is cut off there (measured).
+#: On grids, of what was on grids before it was thinned, and where faces lie along voxels, it is
+#: unknown where within a step edges lie: a standard deviation as a share of what is cut off there
+#: (measured).
 _OF_UNKNOWN_EDGES = 0.3
 
 #: Of points at random, e is less than 0 by this over the root of their number on average (edges
@@ -181,6 +182,7 @@ def estimate(
     kept = found.volume(pattern.on_grid)
     deep = pattern.depth(found.sharp) if merged is None else _depth_of(merged, found)
     either = _TOO_DEEP * pattern.either if merged is None else 0.0
+    in_rows = pattern.in_rows if merged is None else max(pattern.in_rows, _on_grid(merged.near))
     noise = _noise(body, again, found, kept, pattern)
     narrow = _OF_WALLS * body.walls - _OF_CLEFTS * body.clefts
     unsure = 0.5 * body.sheets
@@ -195,7 +197,7 @@ def estimate(
             _OF_EDGES * (1.0 + pattern.even) * (found.edges - found.edges_by_turn),
             math.hypot(_OF_DEPTH * deep, either) * kept,
             _OF_NEITHER * pattern.neither * kept,
-            _OF_UNKNOWN_EDGES * pattern.in_rows * found.chamfered,
+            _OF_UNKNOWN_EDGES * in_rows * found.chamfered,
             _OF_NARROW * math.hypot(body.walls, body.clefts),
             unsure * narrow,
         ),
@@ -359,7 +361,7 @@ def _depth_of(merged: Merged, found: Facets) -> float:
     k / 2 times the mean square distance of what was merged, against k M / 24; and what was merged
     may have been means itself, of voxels smaller as they were more.
     """
-    means = _even(merged.nearness) * _of_voxels(merged.nearness)
+    means = _even(merged.near.first) * _of_voxels(merged.near.first)
     return 12.0 * merged.scatter / found.coarseness + _TOO_DEEP * means * merged.share
 
 

@@ -1,9 +1,10 @@
 """How a surface goes on over openings that were closed flat, and how little is known of that.
 
 Where it is smooth it goes on as its normals at the rim tell, by as much as over any triangle
-(facets.py). They are means over what is near the rim, of many triangles, since noise turns those of
-single ones. Of an opening of a sphere or an ellipsoid that is all. Where an edge lies within an
-opening the surface leaves lids at a steep angle at all of their corners, and goes on farther.
+(facets.py), but not beyond its tangent planes there: what bulges lies below these. The normals are
+means over what is near the rim, of many triangles, since noise turns those of single ones. Of an
+opening of a sphere or an ellipsoid that is all. Where an edge lies within an opening the surface
+leaves lids at a steep angle at all of their corners, and goes on farther.
 """
 
 from __future__ import annotations
@@ -21,6 +22,15 @@ from .tetrahedra import connected
 
 __all__ = ["beyond_lids"]
 
+
+def _middles(parts: int) -> FloatArray:
+    """(P^2, 3) weights of the corners at the middles of equal triangles, P along each side."""
+    upright = [(3 * i + 1, 3 * j + 1) for i in range(parts) for j in range(parts - i)]
+    turned = [(3 * i + 2, 3 * j + 2) for i in range(parts) for j in range(parts - 1 - i)]
+    two = np.array(upright + turned) / (3.0 * parts)
+    return np.column_stack([two, 1.0 - two.sum(axis=1)])
+
+
 #: Normals at the rim are means of triangles within this share of the lid's width, of this many at
 #: most. The middle of half a disc lies 4 / (3 pi) of its radius behind its straight side, so that
 #: they tell of a way that is longer than the lid is wide, at both ends.
@@ -28,17 +38,20 @@ _NEAR = 1.0 / 8.0
 _TRIANGLES = 64
 _LONGER = 1.0 + 2.0 * 4.0 / (3.0 * math.pi) * _NEAR
 
+#: Places in a triangle, as weights of its corners: the middles of the 64 equal triangles in it.
+_WITHIN = _middles(8)
+
 _BLOCK = 4096  # lids at a time, for their triangles take memory
 
 #: What edges within openings add, and its standard deviation, as shares of area times width times
 #: the square of the sine of the angle between lid and surface, where that is least; and the
 #: standard deviation from noise, as a share of area, width, and thickness of the skin by spacing:
 #: of each opening by itself.
-#: Most likely for benchmarks/openings.py and samplings.py (lines) are 0.13, 0.14 and 0.21; few are
-#: wrong by much more (docs/method.md).
-_OF_EDGES = 0.12
-_OF_EDGES_STD = 0.18
-_OF_NOISE = 0.25
+#: Most likely for benchmarks/openings.py and samplings.py (lines) are 0.17, 0.17 and 0.37; with
+#: long tails, which errors have, 0.15, 0.12 and 0.28 (docs/method.md).
+_OF_EDGES = 0.16
+_OF_EDGES_STD = 0.17
+_OF_NOISE = 0.35
 
 
 def beyond_lids(body: Enclosed) -> Tuple[float, float]:
@@ -54,13 +67,36 @@ def beyond_lids(body: Enclosed) -> Tuple[float, float]:
     lids = area[lid]
     angles = (at_rim * unit(doubled[lid])[:, None]).sum(axis=2)
     cosine = np.clip(angles.max(axis=1), -1.0, 1.0)
-    smooth = float((lids * bend(corners, at_rim)).sum()) / _LONGER
+    smooth = float((lids * _bulge(corners, at_rim, unit(doubled[lid]))).sum()) / _LONGER
     steep = lids * width * (1.0 - cosine**2)
     thickness = body.skin / float(area[~lid].sum())
     noise = min(1.0, thickness / body.spacing) * lids * width
     opening = _openings(surface.number[lid])
     stds = [_OF_EDGES_STD * np.bincount(opening, steep), _OF_NOISE * np.bincount(opening, noise)]
     return smooth + _OF_EDGES * float(steep.sum()), float(np.linalg.norm(stds))
+
+
+def _bulge(corners: FloatArray, at_rim: FloatArray, normals: FloatArray) -> FloatArray:
+    """(L,) how far a smooth surface lies above lids on average, metres.
+
+    What bulges lies below all of its tangent planes, what is hollow above them. Where a lid goes on
+    along the surface at one corner, as in a flat face, and leaves it at an edge at another, that is
+    much less than the normals would have a smooth surface do.
+
+    Parameters
+    ----------
+    corners, at_rim, normals : (L, 3, 3), (L, 3, 3) and (L, 3): lids, the surface's unit normals
+        at their corners, and their own.
+    """
+    bulges = bend(corners, at_rim)
+    sign = np.where(bulges < 0.0, -1.0, 1.0)[:, None, None]
+    along = np.einsum("lij,lj->li", at_rim, normals)
+    away = np.einsum("pk,lkj->lpj", _WITHIN, corners)[:, :, None] - corners[:, None]
+    rise = -np.einsum("lpij,lij->lpi", away, at_rim)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        planes = np.where(along[:, None] > 0.0, sign * rise / along[:, None], np.inf)
+    within = np.maximum(planes.min(axis=2), 0.0).mean(axis=1)
+    return np.asarray(np.clip(bulges, -within, within))
 
 
 def _openings(number: IntArray) -> IntArray:

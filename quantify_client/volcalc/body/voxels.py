@@ -15,7 +15,7 @@ from typing import Optional, Tuple
 import numpy as np
 
 from ...types import FloatArray, IntArray
-from .spacing import nearness
+from .spacing import Nearness, nearness
 
 __all__ = ["MOST_POINTS", "Merged", "Thinned", "VoxelAccumulator", "thin"]
 
@@ -47,12 +47,12 @@ class Merged:
     scatter : mean over centroids of the mean square distance of their points from them, m2; no
         more than twice what points at random in the cubes have, as noise has more.
     share : of centroids among the points.
-    nearness : of the points, the first from `spacing.nearness`.
+    near : how far the nearest ones were.
     """
 
     scatter: float
     share: float
-    nearness: float
+    near: Nearness
 
 
 @dataclass(frozen=True)
@@ -195,4 +195,4 @@ def _merged_of(fine: Thinned, order: IntArray, held: IntArray, result: Thinned) 
     # Over the middle of a square, of points at random: edge^2 / 6, less what their mean has.
     at_random = float(np.mean(result.edge**2 / 6.0 * (1.0 - 1.0 / held)))
     share = len(result.points) / len(fine.points)
-    return Merged(min(scatter, 2.0 * at_random), share, nearness(fine.points).first)
+    return Merged(min(scatter, 2.0 * at_random), share, nearness(fine.points))
