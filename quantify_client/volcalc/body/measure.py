@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from typing import Callable, Optional, Tuple
@@ -21,7 +20,7 @@ from .find import Found, find_body
 from .floor import Standing
 from .foot import SOUND, Foot, find_foot, wedge_std
 from .local_frame import LocalFrame
-from .occupancy import Occupancy, cover, occupancy_volume
+from .occupancy import cover, occupancy_volume
 from .openings import beyond_lids
 from .uneven import base_std
 from .voxels import Merged, Thinned
@@ -83,13 +82,8 @@ def measure_body(
     foot = find_foot(standing, body, unseen)
     if heap is not None:
         within, hidden, budget = _parts_of_heap(heap)
-        cells = None
     else:
-        # Beside each other: nearly all of it goes by in libraries that leave processors free.
-        with ThreadPoolExecutor(max_workers=1) as beside:
-            by_cells = beside.submit(_cells, standing, body)
-            likely = _estimate(found, recipe, foot, cloud.merged)
-            cells = by_cells.result()
+        likely = _estimate(found, recipe, foot, cloud.merged)
         base = base_std(standing, body)
         if body.thin_walled and standing.floor is not None and standing.pose is None:
             unseen_std = math.hypot(unseen_std, _NONE_OR_ALL * likely.volume)
@@ -115,7 +109,7 @@ def measure_body(
         points_left_out={"ground": standing.ground_count, "outliers": standing.outlier_count},
         slice_height_m=float(edges[1] - edges[0]),
         slices=_slices(standing, edges, np.diff(below_edges), zero),
-        checks=() if cells is None else (_check(cells, body, hidden, foot),),
+        checks=() if heap is not None else _checks(standing, body, hidden, foot),
         warnings=tuple(body_warnings(cloud, standing, body, unseen, volume, place, recipe)),
         body=_drawn(local, standing, body, edges, volume),
         **TERRAIN_ONLY,
@@ -214,24 +208,25 @@ def _require_room(standing: Standing, least: float) -> None:
         )
 
 
-def _cells(standing: Standing, body: Enclosed) -> Optional[Occupancy]:
+def _checks(
+    standing: Standing, body: Enclosed, hidden: float, foot: Optional[Foot]
+) -> Tuple[Check, ...]:
     """Return the volume by cells.
 
     None for thin walls and voids, whose skin lies inside, and for what was not seen, of which cells
     tell nothing.
     """
-    if body.thin_walled or body.voids > 0.0 or body.unseen is not None:
-        return None
-    patches = cover(body.patches, body.spacing)
-    return occupancy_volume(np.vstack([standing.points, standing.lid]), patches)
-
-
-def _check(cells: Occupancy, body: Enclosed, hidden: float, foot: Optional[Foot]) -> Check:
     if foot is not None:
         # The cells tell nothing of the foot beyond what the sections do.
         hidden -= body.within - _above(body, foot.top).within
-    margin = _CHECK_OF_CORRECTION * abs(cells.correction) + _CHECK_OF_SKIN * body.skin
-    return Check("flooded cells", cells.volume + hidden + body.water, margin)
+    if body.thin_walled or body.voids > 0.0 or body.unseen is not None:
+        return ()
+    patches = cover(body.patches, body.spacing)
+    enclosed = occupancy_volume(np.vstack([standing.points, standing.lid]), patches)
+    if enclosed is None:
+        return ()
+    margin = _CHECK_OF_CORRECTION * abs(enclosed.correction) + _CHECK_OF_SKIN * body.skin
+    return (Check("flooded cells", enclosed.volume + hidden + body.water, margin),)
 
 
 def _edges(standing: Standing, body: Enclosed, recipe: BodyRecipe) -> FloatArray:
