@@ -4,7 +4,8 @@ Bodies as in random_bodies.py, their points at random, thinned by voxels or to a
 on grids, as vertices of meshes, or in scan lines. Constants were chosen on seeds from 9000 to 9016
 and on 17000 to 17019 and 17300 to 17439 (5,000 and 20,000 points; what voxels' means lie too deep
 by: to 9110); those of noise on seeds from 7000 on; how even points at random are by chance on 10000
-to 10039. In brackets: 95 % limits of a bootstrap over bodies.
+to 10039; lids between lines on 12200 to 12229; 18000 to 18011 were looked at. In brackets: 95 %
+limits of a bootstrap over bodies.
 
     python benchmarks/samplings.py [--bodies 40] [--points 5000 20000 100000 1000000]
                                    [--kinds random voxels ...] [--first-seed 9300] [--noise 0.01]

@@ -8,7 +8,8 @@ from scans import OFFSET, Flaws, scan, volume_of
 from solids import BODIES, BUNNY, NO_BUNNY, cube, even_vectors
 
 from quantify_client.volcalc.body.enclose import enclose
-from quantify_client.volcalc.body.openings import beyond_lids
+from quantify_client.volcalc.body.facets import bend
+from quantify_client.volcalc.body.openings import _bulge, beyond_lids
 
 
 def beyond(points):
@@ -62,6 +63,20 @@ def test_a_flat_face_goes_on_flat():
     # A twentieth of its width, which is 0.4 over an area of 0.126, would be 0.0025.
     assert abs(volume) < 2e-4
     assert std < 3e-4
+
+
+def test_a_lid_goes_on_no_farther_than_the_planes_at_its_corners():
+    """Flat at two corners and at an edge at the third: a face. On a ball: as high as the ball."""
+    flat, up = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.4, 0.8, 0.0]]), [0.0, 0.0, 1.0]
+    at_edge = np.array([up, up, [0.0, math.sin(1.5), math.cos(1.5)]])
+    center = np.array([0.5, 0.3, -2.0])
+    on_ball = (flat - center) / np.linalg.norm(flat - center, axis=1)[:, None]
+    lids, at_rim = np.stack([flat] * 3), np.stack([at_edge, on_ball, on_ball * [-1.0, -1.0, 1.0]])
+    edge, bulge, dent = _bulge(lids, at_rim, np.array([up] * 3))
+    assert bend(lids, at_rim)[0] > 0.03
+    assert abs(edge) < 1e-12
+    assert bulge == pytest.approx(bend(lids, at_rim)[1], rel=1e-12)
+    assert dent == pytest.approx(-bulge, rel=1e-12)
 
 
 def test_gaps_between_lines_on_a_flat_face_are_flat():

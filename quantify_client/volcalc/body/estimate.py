@@ -180,9 +180,9 @@ def estimate(
     points = _points(body)
     pattern = _Pattern.of(found, again, every, above, points)
     kept = found.volume(pattern.on_grid)
-    deep = pattern.depth(found.sharp) if merged is None else _depth_of(merged, found)
-    either = _TOO_DEEP * pattern.either if merged is None else 0.0
-    in_rows = pattern.in_rows if merged is None else max(pattern.in_rows, _on_grid(merged.near))
+    deep, either, in_rows = pattern.depth(found.sharp), _TOO_DEEP * pattern.either, pattern.in_rows
+    if merged is not None:
+        deep, either, in_rows = _depth_of(merged, found), 0.0, max(in_rows, _on_grid(merged.near))
     noise = _noise(body, again, found, kept, pattern)
     narrow = _OF_WALLS * body.walls - _OF_CLEFTS * body.clefts
     unsure = 0.5 * body.sheets

@@ -90,12 +90,12 @@ def _bulge(corners: FloatArray, at_rim: FloatArray, normals: FloatArray) -> Floa
     """
     bulges = bend(corners, at_rim)
     sign = np.where(bulges < 0.0, -1.0, 1.0)[:, None, None]
-    along = np.einsum("lij,lj->li", at_rim, normals)
-    away = np.einsum("pk,lkj->lpj", _WITHIN, corners)[:, :, None] - corners[:, None]
-    rise = -np.einsum("lpij,lij->lpi", away, at_rim)
+    along = np.einsum("lij,lj->li", at_rim, normals)[:, :, None]
+    # Of each corner's plane at all three, and from these, for it is flat, anywhere.
+    rise = np.einsum("lij,likj->lik", at_rim, corners[:, :, None] - corners[:, None])
     with np.errstate(divide="ignore", invalid="ignore"):
-        planes = np.where(along[:, None] > 0.0, sign * rise / along[:, None], np.inf)
-    within = np.maximum(planes.min(axis=2), 0.0).mean(axis=1)
+        planes = np.where(along > 0.0, (sign * rise / along) @ _WITHIN.T, np.inf)
+    within = np.maximum(planes.min(axis=1), 0.0).mean(axis=1)
     return np.asarray(np.clip(bulges, -within, within))
 
 
