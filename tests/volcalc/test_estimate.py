@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 
 from quantify_client.volcalc.body.enclose import Enclosed
-from quantify_client.volcalc.body.estimate import _in_rows, _on_grid, estimate, is_same_body
+from quantify_client.volcalc.body.estimate import (
+    _in_rows,
+    _of_mesh,
+    _on_grid,
+    estimate,
+    is_same_body,
+)
 from quantify_client.volcalc.body.sections import BodySurface
 from quantify_client.volcalc.body.spacing import Nearness
 
@@ -86,5 +92,24 @@ def test_other_walls_tell_nothing() -> None:
 def test_means_of_voxels_along_faces_are_nearly_a_grid(
     near: tuple[float, float, float, float], rows: float, grid: float
 ) -> None:
-    assert _in_rows(Nearness(*near)) == rows
-    assert _on_grid(Nearness(*near)) == grid
+    assert _in_rows(Nearness(*near, 0.1)) == rows
+    assert _on_grid(Nearness(*near, 0.1)) == grid
+
+
+@pytest.mark.parametrize(
+    ("near", "of_mesh"),
+    [
+        ((0.847, 0.836, 0.909, 0.02, 0.41), 1.0),  # vertices of public meshes: homer
+        ((0.814, 0.870, 0.897, 0.02, 0.34), 1.0),  # nefertiti
+        ((0.971, 0.984, 0.988, 0.25, 0.10), 1.0),  # armadillo
+        ((2 / 3, 4 / 5, 6 / 7, 0.01, 0.52), 0.0),  # at random
+        ((0.814, 0.901, 0.916, 0.02, 0.21), 0.0),  # means of voxels
+        ((0.920, 0.912, 0.905, 0.05, 0.07), 0.0),  # a least distance apart
+        ((0.797, 0.676, 0.825, 0.02, 0.18), 0.0),  # in lines
+        ((0.709, 0.606, 0.945, 0.08, 0.66), 0.0),  # vertices of marching cubes
+    ],
+)
+def test_vertices_of_meshes_are_told_by_how_far_their_neighbours_are(
+    near: tuple[float, float, float, float, float], of_mesh: float
+) -> None:
+    assert _of_mesh(Nearness(*near)) == of_mesh

@@ -1,5 +1,7 @@
 """Points far from all others are outliers; noise and uneven density make none."""
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -76,10 +78,12 @@ def test_neighbours_tell_how_points_lie():
     """At random the ratios are known in closed form; on a grid all neighbours are as near."""
     rng = np.random.default_rng(3)
     flat = np.column_stack([rng.random((40_000, 2)), np.zeros(40_000)])
-    assert nearness(flat + OFFSET) == pytest.approx((2 / 3, 4 / 5, 6 / 7, 0.01), abs=0.004)
+    varied = math.sqrt(4.0 / math.pi - 1.0)  # of Rayleigh's distribution
+    of_random = (2 / 3, 4 / 5, 6 / 7, 0.01, varied)
+    assert nearness(flat + OFFSET) == pytest.approx(of_random, abs=0.005)
     x, y = np.meshgrid(np.arange(50.0), np.arange(50.0))
     grid = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
-    assert nearness(grid) == pytest.approx((1.0, 1.0, 1.0, 1.0), abs=0.03)
+    assert nearness(grid) == pytest.approx((1.0, 1.0, 1.0, 1.0, 0.0), abs=0.03)
     pairs = np.vstack([flat[::2], flat[::2] + [1e-5, 0.0, 0.0]])
     assert nearness(pairs).first < 0.1
     assert nearness(pairs).second > 0.8

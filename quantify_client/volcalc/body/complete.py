@@ -22,8 +22,9 @@ from .estimate import hidden_volume
 from .floor import Standing, on_lowest_points
 from .foot import find_foot, unseen_share
 from .going_on import going_on, grid_between, one_each
+from .openings import lids_of
 from .spaces import Spaces, border_faces, gaps_of, open_faces
-from .spacing import spacings
+from .spacing import nearness, spacings
 from .tetrahedra import Tetrahedra, connected, tetrahedralize
 from .views import HIGHEST, Views, lowest_told, places_all_round
 from .voxels import Thinned, thin
@@ -92,6 +93,10 @@ _BELOW = 0.005
 _OUTSIDE = 0.005
 _OUTLINE = 0.1
 
+#: Times as wide as lines of points are apart on average: openings between them are no wider where
+#: a face lies at 20 degrees or more to them (chosen).
+_BETWEEN_LINES = 3.0
+
 _FEWEST = 100  # points that tell how a surface goes on
 
 
@@ -107,7 +112,8 @@ def is_partly_seen(standing: Standing, body: Union[Enclosed, Open], is_heap: boo
     if is_heap:
         return False
     apart = np.count_nonzero(body.apart < len(standing.points))
-    if _lids(body) > _OPEN * body.surface.area() or apart > _OUTSIDE * len(standing.points):
+    unseen = _unseen_lids(standing.points, body)
+    if unseen > _OPEN * body.surface.area() or apart > _OUTSIDE * len(standing.points):
         return True
     below = hidden_volume(standing, body)[0]
     foot = find_foot(standing, body, below)
@@ -117,10 +123,19 @@ def is_partly_seen(standing: Standing, body: Union[Enclosed, Open], is_heap: boo
     return below > _BELOW * body.within and not upright
 
 
-def _lids(body: Enclosed) -> float:
-    """Return the area of the lids over a body's openings, square metres."""
-    a, b, c = body.patches.transpose(1, 0, 2)
-    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) / 2.0
+def _unseen_lids(points: FloatArray, body: Enclosed) -> float:
+    """Return the area of the lids over a body's openings, square metres.
+
+    Scan lines are farther apart than their points, and farther where a face is nearly parallel to
+    them: openings between them were seen.
+    """
+    area, width = lids_of(body)
+    near = nearness(points)
+    if not len(area) or near.short < 1.0:
+        return float(area.sum())
+    nearest = np.median(cKDTree(points).query(points, [2])[0])
+    apart = body.surface.area() / (len(points) * nearest)
+    return float(area[width > _BETWEEN_LINES * apart].sum())
 
 
 def complete(

@@ -88,6 +88,7 @@ class Enclosed:
         out, cubic metres.
     sheets : share of these that may be no more than noise of single sheets.
     moved : what the surface encloses more as its points were moved a little, cubic metres.
+    moves : (N, 3) float64, how far each of its points was moved, metres; None if none was.
     """
 
     surface: BodySurface
@@ -109,6 +110,7 @@ class Enclosed:
     clefts: float = 0.0
     sheets: float = 0.0
     moved: float = 0.0
+    moves: Optional[FloatArray] = None
 
     @property
     def skin(self) -> float:
@@ -208,6 +210,7 @@ def enclosed_by(
         thin_walled=thin_walled,
         apart=_apart(space, solid[:-1]),
         moved=_moved(space, surface),
+        moves=space.moved,
     )
 
 

@@ -101,17 +101,20 @@ _OF_NEITHER = 0.6
 #: (measured).
 _OF_UNKNOWN_EDGES = 0.3
 
+#: Points as those of meshes are spaced may be vertices of flat facets, as likely as this, which cut
+#: off nothing: where their number varies but not that of near neighbours (third by fourth distance,
+#: and how much the nearest varies), or on grids. Chosen (docs/method.md).
+_MAY_BE_FLAT = 0.4
+_OF_FLAT = 0.15
+_OF_MESHES = (0.865, 0.885)
+_VARIED = (0.22, 0.32)
+
 #: Of points at random, e is less than 0 by this over the root of their number on average (edges
 #: chamfer), and has that standard deviation: measured (docs/method.md).
 _CHANCE = 4.0
 
 #: Most that e (1 - e)^2 is between points at random, 0, and even ones, 1.
 _MOST_NEITHER = 4.0 / 27.0
-
-#: What the ratios of distances to the nearest points are on average, of points at random on a
-#: surface; where one is smaller by this much, points are in pairs, groups or lines, and neither.
-_RATIOS_AT_RANDOM = (2.0 / 3.0, 4.0 / 5.0)
-_SHORT = 0.1
 
 #: Of walls and of clefts that are too narrow for the points: what is added and taken away, and the
 #: standard deviation. What may be no more than noise of single sheets is there or not: half of it.
@@ -176,10 +179,12 @@ def estimate(
     """
     if body.thin_walled:
         return _of_thin_walls(body)
-    found = facets_of(body.surface, body.patches, above)
+    found = facets_of(body.surface, body.patches, above, body.moves)
     points = _points(body)
     pattern = _Pattern.of(found, again, every, above, points)
-    kept = found.volume(pattern.on_grid)
+    flat = max(found.faceted, _MAY_BE_FLAT * pattern.of_mesh)
+    kept = (1.0 - flat) * found.volume
+    unknown = math.sqrt(flat * (1.0 - flat)) * found.volume
     deep, either, in_rows = pattern.depth(found.sharp), _TOO_DEEP * pattern.either, pattern.in_rows
     if merged is not None:
         deep, either, in_rows = _depth_of(merged, found), 0.0, max(in_rows, _on_grid(merged.near))
@@ -200,6 +205,8 @@ def estimate(
             _OF_UNKNOWN_EDGES * in_rows * found.chamfered,
             _OF_NARROW * math.hypot(body.walls, body.clefts),
             unsure * narrow,
+            unknown,
+            _OF_FLAT * found.between,
         ),
         outline_std=math.hypot(
             _OF_NOISE * noise,
@@ -238,6 +245,7 @@ class _Pattern:
     unmixed : from 0 to 1: less of even points with noise, or mixed with points at random.
     in_rows : from 0 to 1, on grids or nearly, as means of voxels along flat faces are.
     on_grid : from 0 to 1, on grids.
+    of_mesh : from 0 to 1, as vertices of meshes may lie, these on grids among them.
     """
 
     ratio: float
@@ -247,6 +255,7 @@ class _Pattern:
     unmixed: float
     in_rows: float
     on_grid: float
+    of_mesh: float
 
     @classmethod
     def of(
@@ -262,20 +271,20 @@ class _Pattern:
         Where some are too few to find the body, how near the nearest points are tells of it.
         """
         near = nearness(points)
-        of_voxels = _of_voxels(near.first)
-        short = max(at_random - own for at_random, own in zip(_RATIOS_AT_RANDOM, near)) / _SHORT
-        in_groups = min(1.0, max(0.0, short))
+        of_mesh = _of_mesh(near)
+        of_voxels = _of_voxels(near.first) * (1.0 - of_mesh)
+        in_groups = min(1.0, max(0.0, near.short))
         on_grid = _on_grid(near)
         in_rows = max(on_grid, _in_rows(near) * (1.0 - in_groups))
         unmixed = max(in_groups, _even(near.first))
         if again is None:
             even = _even(near.first) * (1.0 - in_groups)
-            return cls(math.inf, even, _MOST_NEITHER, of_voxels, unmixed, in_rows, on_grid)
+            return cls(math.inf, even, _MOST_NEITHER, of_voxels, unmixed, in_rows, on_grid, of_mesh)
         ratio = coarseness_of(again.surface, again.patches, above) / found.coarseness
         even = min(1.0, (ratio / every - 1.0) / (_EVEN[every] - 1.0))
         chance = _CHANCE / math.sqrt(max(1, len(points)))
         beyond = max(0.0, abs(even + chance) - 2.0 * chance)
-        neither = max(beyond * (1.0 - even) ** 2, _MOST_NEITHER * short)
+        neither = max(beyond * (1.0 - even) ** 2, _MOST_NEITHER * near.short)
         return cls(
             ratio=max(float(every), ratio),
             even=max(0.0, even),
@@ -284,6 +293,7 @@ class _Pattern:
             unmixed=unmixed,
             in_rows=in_rows,
             on_grid=on_grid,
+            of_mesh=of_mesh,
         )
 
     @property
@@ -327,9 +337,10 @@ def _noise(
 
 
 def _points(body: Enclosed) -> FloatArray:
-    """(P, 3) the points that are corners of the surface, metres."""
-    _, first = np.unique(body.surface.number, return_index=True)
-    return np.asarray(body.surface.corners.reshape(-1, 3)[first])
+    """(P, 3) the points that are corners of the surface, where they are in the cloud, metres."""
+    number, first = np.unique(body.surface.number, return_index=True)
+    points = body.surface.corners.reshape(-1, 3)[first]
+    return np.asarray(points if body.moves is None else points - body.moves[number])
 
 
 def _of_voxels(nearest: float) -> float:
@@ -350,6 +361,16 @@ def _on_grid(near: Nearness) -> float:
     return min(1.0, max(0.0, (near.equal - means) / (grids - means)))
 
 
+def _of_mesh(near: Nearness) -> float:
+    """Return whether points lie as vertices of meshes may, 1."""
+    alike, varied = (
+        min(1.0, max(0.0, (own - start) / (end - start)))
+        for own, (start, end) in ((near.third, _OF_MESHES), (near.varied, _VARIED))
+    )
+    in_groups = min(1.0, max(0.0, near.short))
+    return max(_on_grid(near), alike * varied * (1.0 - in_groups))
+
+
 def _even(nearest: float) -> float:
     """Return how evenly spaced points are, 0 to 1, where no other triangles tell."""
     return min(1.0, max(0.0, (nearest - _AT_RANDOM) / (_OF_FEWEST_MEANS - _AT_RANDOM)))
@@ -361,7 +382,8 @@ def _depth_of(merged: Merged, found: Facets) -> float:
     k / 2 times the mean square distance of what was merged, against k M / 24; and what was merged
     may have been means itself, of voxels smaller as they were more.
     """
-    means = _even(merged.near.first) * _of_voxels(merged.near.first)
+    near = merged.near
+    means = _even(near.first) * _of_voxels(near.first) * (1.0 - _of_mesh(near))
     return 12.0 * merged.scatter / found.coarseness + _TOO_DEEP * means * merged.share
 
 

@@ -22,13 +22,18 @@ they chamfer s^2 / 8 of a right angle on average, and the mean curvature tells p
 A side on which points lie along an edge of the body cuts off nothing. It turns by far more than the
 surface does at the corners that lie opposite of it. Where that holds for most of what is sharp it
 holds for all: on edges next to a crease, or to another edge, those corners turn sharply, too.
+
+Points of a mesh that was made finer lie on flat facets of several triangles each, and along all
+edges between these: nothing is cut off. A triangle that is flat with all three neighbours tells of
+a facet (squares of a grid on a curved surface are two triangles each, in rows at most), and so do
+these neighbours. How much of what turns lies between facets tells how likely the rest does.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Tuple
+from dataclasses import dataclass, replace
+from typing import Optional, Tuple
 
 import numpy as np
 import numpy.typing as npt
@@ -47,6 +52,9 @@ _SHARP = 0.2
 #: Sides that turn by more than this (radians) are edges, not curvature.
 _EDGE = 0.5
 
+#: Sides that turn by less than this (radians) lie on a flat facet: coordinates are rounded.
+_FLAT = 1e-3
+
 
 @dataclass(frozen=True)
 class Facets:
@@ -61,6 +69,8 @@ class Facets:
     curvature : integral of the mean curvature over the surface, m.
     area : of the triangles, m2.
     coarseness : mean over them of the sum of the squares of their sides, m2.
+    faceted : share of what turns between edges that turns between flat facets, 0 to 1.
+    between : what these would cut off if they were not flat, m3.
     """
 
     smooth: float
@@ -72,24 +82,32 @@ class Facets:
     curvature: float
     area: float
     coarseness: float
+    faceted: float
+    between: float
 
-    def volume(self, on_grid: float) -> float:
-        """Return all that is cut off, m3, of points that are on a grid (1), or are not (0)."""
-        by_turn = 0.5 * (1.0 + on_grid)
-        return self.smooth + (1.0 - by_turn) * self.edges + by_turn * self.edges_by_turn
+    @property
+    def volume(self) -> float:
+        """All that is cut off, m3."""
+        return self.smooth + 0.5 * (self.edges + self.edges_by_turn)
 
 
-def facets_of(surface: BodySurface, patches: FloatArray, above: float = -np.inf) -> Facets:
+def facets_of(
+    surface: BodySurface,
+    patches: FloatArray,
+    above: float = -np.inf,
+    moves: Optional[FloatArray] = None,
+) -> Facets:
     """Return what triangles cut off: positive where the surface bulges.
 
     Parameters
     ----------
     patches : (G, 3, 3) float64, metres, triangles that close openings, which do not count.
     above : height that the triangles that count lie above, metres.
+    moves : (N, 3) float64, metres, how far points were moved from where they are in the cloud.
     """
     own = _own(surface, patches, above)
     if not own.any():
-        return Facets(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+        return Facets(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0)
     corners = surface.corners[own]
     number = np.unique(surface.number[own], return_inverse=True)[1].reshape(-1, 3)
     normals = surface.normals()[own]
@@ -97,6 +115,9 @@ def facets_of(surface: BodySurface, patches: FloatArray, above: float = -np.inf)
     normals /= doubled[:, None]
     squares = _squares(corners)
     sides = _sides(corners, number, normals)
+    places = corners if moves is None else corners - moves[surface.number[own]]
+    between, faceted = _between_facets(sides, places)
+    sides = replace(sides, lone=sides.lone | between)
 
     def cut_off(edges: npt.NDArray[np.bool_]) -> float:
         at = sides.apart_at(edges)
@@ -118,6 +139,8 @@ def facets_of(surface: BodySurface, patches: FloatArray, above: float = -np.inf)
         curvature=turned,
         area=0.5 * float(doubled.sum()),
         coarseness=mean,
+        faceted=faceted,
+        between=float(np.abs(sides.turned[between]).sum()) * mean / 24.0,
     )
 
 
@@ -213,6 +236,11 @@ class _Sides:
         """(S,) True for edges, whether points lie along them or not."""
         return np.asarray((self.angle > _EDGE) | self.lone)
 
+    @property
+    def triangles(self) -> IntArray:
+        """(2, S) the one and the other triangle of each side."""
+        return np.asarray(self.ends[:, 0] % (self.corners // 3))
+
     def ways(self) -> Tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
         """(S,) True for sides at which the surface bulges, and for those at which it is hollow."""
         return self.turned > 0.0, self.turned < 0.0
@@ -231,6 +259,29 @@ class _Sides:
         one, other = self.ends[:, :, ~edges]
         number = connected(one.ravel(), other.ravel(), self.corners)
         return np.asarray(number.reshape(3, -1).T)
+
+
+def _between_facets(sides: _Sides, corners: FloatArray) -> Tuple[npt.NDArray[np.bool_], float]:
+    """Return which sides (S,) lie between flat facets, and the share of what turns between edges.
+
+    ``corners`` (K, 3, 3) are those in the cloud: what moved them makes flat facets rough.
+    """
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    longest = _squares(corners).max(axis=1)
+    doubled = np.linalg.norm(normals, axis=1)
+    # Three points on a line turn in no direction.
+    unit_normals = np.where((doubled > _FLAT * longest)[:, None], unit(normals), np.nan)
+    one, other = sides.triangles
+    crossed = np.linalg.norm(np.cross(unit_normals[one], unit_normals[other]), axis=1)
+    flat = ~(crossed >= _FLAT)
+    within = np.bincount(sides.triangles[:, flat].ravel(), minlength=len(corners)) >= 3
+    of_facet = within.copy()
+    of_facet[one[flat & within[other]]] = True
+    of_facet[other[flat & within[one]]] = True
+    between = of_facet[one] & of_facet[other] & ~flat
+    turned = np.abs(sides.turned) * (~flat & (sides.angle <= _EDGE))
+    share = float(turned[between].sum() / max(float(turned.sum()), np.finfo(float).tiny))
+    return between, share
 
 
 def _sides(corners: FloatArray, number: IntArray, normals: FloatArray) -> _Sides:

@@ -20,7 +20,7 @@ from .enclose import Enclosed
 from .facets import bend, is_among, unit
 from .tetrahedra import connected
 
-__all__ = ["beyond_lids"]
+__all__ = ["beyond_lids", "lids_of"]
 
 
 def _middles(parts: int) -> FloatArray:
@@ -76,6 +76,28 @@ def beyond_lids(body: Enclosed) -> Tuple[float, float]:
     return smooth + _OF_EDGES * float(steep.sum()), float(np.linalg.norm(stds))
 
 
+def lids_of(body: Enclosed) -> Tuple[FloatArray, FloatArray]:
+    """Return the area of each of a body's O openings, m2, and how wide it is on average, metres.
+
+    Twice the area by the length of the rim, (O,) both: the width of a long one, the radius of a
+    round one.
+    """
+    surface = body.surface
+    lid = is_among(surface.corners, body.patches)
+    if not lid.any():
+        return np.empty(0), np.empty(0)
+    number, opening = surface.number[lid], _openings(surface.number[lid])
+    area = np.bincount(opening, 0.5 * np.linalg.norm(surface.normals()[lid], axis=1))
+    sides = np.sort(number[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    _, first, count = np.unique(sides, axis=0, return_index=True, return_counts=True)
+    corners = surface.corners[lid][:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2, 3)
+    rim = first[count == 1]
+    length = np.linalg.norm(corners[rim, 1] - corners[rim, 0], axis=1)
+    around = np.bincount(opening[rim // 3], length, len(area))
+    width = 2.0 * area / np.maximum(around, np.finfo(float).tiny)
+    return np.asarray(area, dtype=np.float64), np.asarray(width, dtype=np.float64)
+
+
 def _bulge(corners: FloatArray, at_rim: FloatArray, normals: FloatArray) -> FloatArray:
     """(L,) how far a smooth surface lies above lids on average, metres.
 
@@ -106,7 +128,8 @@ def _openings(number: IntArray) -> IntArray:
     """
     corner = np.unique(number, return_inverse=True)[1].reshape(-1, 3)
     one, other = corner[:, [0, 0]].ravel(), corner[:, 1:].ravel()
-    return np.asarray(connected(one, other, int(corner.max()) + 1)[corner[:, 0]])
+    part = connected(one, other, int(corner.max()) + 1)[corner[:, 0]]
+    return np.asarray(np.unique(part, return_inverse=True)[1])
 
 
 def _near(

@@ -20,6 +20,11 @@ _NEIGHBOUR = 6
 _FOURTH = 4  # neighbours that tell how evenly points are spaced
 _EQUAL = 0.995  # ratio of distances that are the same
 
+#: What the ratios of distances to the nearest points are on average, of points at random on a
+#: surface; where one is smaller by this much, points are in pairs, groups or lines.
+_RATIOS_AT_RANDOM = (2.0 / 3.0, 4.0 / 5.0)
+_SHORT = 0.1
+
 #: The sixth neighbour of an outlier is this many times farther than that of nine points in ten. A
 #: cloud ten times denser at one end than at the other stays below 2, the tails of noise below 3.
 _FAR = 3.0
@@ -43,13 +48,20 @@ class Nearness(NamedTuple):
 
     ``first``, ``second`` and ``third`` are ratios of the nearest distance to the second, of that to
     the third, and of that to the fourth; ``equal`` is the share of points of which the nearest two
-    are equally far, as on a grid.
+    are equally far, as on a grid; ``varied`` is how much the nearest distance varies, as a standard
+    deviation by the mean.
     """
 
     first: float
     second: float
     third: float
     equal: float
+    varied: float
+
+    @property
+    def short(self) -> float:
+        """Whether points are in pairs, groups or lines, 1 or more; 0 or less if not."""
+        return max(at_random - own for at_random, own in zip(_RATIOS_AT_RANDOM, self)) / _SHORT
 
 
 def nearness(points: FloatArray) -> Nearness:
@@ -60,11 +72,13 @@ def nearness(points: FloatArray) -> Nearness:
     (Holgate 1965).
     """
     if len(points) <= _FOURTH:
-        return Nearness(1.0, 1.0, 1.0, 1.0)
+        return Nearness(1.0, 1.0, 1.0, 1.0, 0.0)
     away = cKDTree(points).query(points, range(2, _FOURTH + 2))[0]
     ratios = away[:, :-1] / np.maximum(away[:, 1:], np.finfo(float).tiny)
     first, second, third = ratios.mean(axis=0).tolist()
-    return Nearness(first, second, third, float(np.mean(ratios[:, 0] > _EQUAL)))
+    equal = float(np.mean(ratios[:, 0] > _EQUAL))
+    varied = float(away[:, 0].std() / max(away[:, 0].mean(), np.finfo(float).tiny))
+    return Nearness(first, second, third, equal, varied)
 
 
 def is_outlier(points: FloatArray) -> npt.NDArray[np.bool_]:
