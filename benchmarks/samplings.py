@@ -9,6 +9,11 @@ limits of a bootstrap over bodies.
 
     python benchmarks/samplings.py [--bodies 40] [--points 5000 20000 100000 1000000]
                                    [--kinds random voxels ...] [--first-seed 9300] [--noise 0.01]
+                                   [--public FOLDER]
+
+With `--public` the closed meshes of a folder take the bodies' place (Open3D reads them): their own
+vertices, these with edges divided at their middles, or points as above, all turned at random. The
+truth is then the volume within the flat faces.
 
 Of more than 20,000 points there are fewer bodies, by the root of their ratio: 6 of a million. One
 of 20,000 points takes 2 to 10 seconds, one of 100,000 or a million 15 to 300.
@@ -21,7 +26,7 @@ import math
 import sys
 from functools import cache
 from pathlib import Path
-from typing import Callable, Dict, List, Optional, Tuple
+from typing import Callable, Dict, Optional, Tuple
 
 import numpy as np
 
@@ -29,6 +34,8 @@ from quantify_client.errors import QuantifyError
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from scans import OFFSET, apart, volume_of
+from scipy.spatial.transform import Rotation
+from seen import meshes
 from solids import Body, Part, even_vectors, random_body
 
 FIRST_SEED = 9300
@@ -213,6 +220,24 @@ def crossed(part: Part, flat: np.ndarray) -> np.ndarray:
     return np.column_stack([near, np.maximum(near, far)])
 
 
+def as_vertices(body: Body, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Vertices of a mesh as they are, however many these are."""
+    return np.asarray(body.corners)
+
+
+def divided(body: Body, count: int, rng: np.random.Generator) -> np.ndarray:
+    """The same with all edges divided at their middles until there are half as many as asked."""
+    corners, faces = np.asarray(body.corners), np.asarray(body.faces)
+    while 2 * len(corners) < count:
+        sides = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        ends, side = np.unique(sides, axis=0, return_inverse=True)
+        (a, b, c), (ab, bc, ca) = faces.T, len(corners) + side.reshape(-1, 3).T
+        corners = np.concatenate([corners, corners[ends].mean(axis=1)])
+        parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
+        faces = np.concatenate([np.column_stack(part) for part in parts])
+    return corners
+
+
 KINDS: Dict[str, Callable[[Body, int, np.random.Generator], np.ndarray]] = {
     "random": at_random,
     "voxels": in_voxels,
@@ -222,6 +247,18 @@ KINDS: Dict[str, Callable[[Body, int, np.random.Generator], np.ndarray]] = {
     "cubes": in_cubes,
     "lines": in_lines,
 }
+
+
+OF_MESHES = {"vertices": as_vertices, "divided": divided}
+
+
+def on_mesh(body: Body, kind: str, seed: int, count: int, noise: float) -> Tuple[float, float]:
+    """Return the error of points on a mesh, turned, and its stated standard deviation, percent."""
+    rng = np.random.default_rng(seed)
+    points = {**KINDS, **OF_MESHES}[kind](body, count, rng)
+    points = points @ Rotation.random(random_state=seed).as_matrix()
+    points = points + noise * np.ptp(points, axis=0).max() * rng.standard_normal(points.shape)
+    return measured(f"{kind} {body.name}", rng.permutation(points) + OFFSET, body.volume)
 
 
 def sampled(kind: str, seed: int, count: int, noise: float) -> np.ndarray:
@@ -240,11 +277,15 @@ def truth_of(seed: int, columns: int = COLUMNS) -> float:
 def trial(kind: str, seed: int, count: int, noise: float) -> Tuple[float, float]:
     """Return the error and its stated standard deviation, percent of the truth."""
     truth = truth_of(seed, COLUMNS if count <= 20_000 else MANY_COLUMNS)
+    return measured(f"{kind} {seed}", sampled(kind, seed, count, noise), truth)
+
+
+def measured(name: str, points: np.ndarray, truth: float) -> Tuple[float, float]:
     try:
         # The union's own volume, without the water that stands in its creases.
-        result = volume_of(sampled(kind, seed, count, noise), hollow=True)
+        result = volume_of(points, hollow=True)
     except QuantifyError as refusal:
-        print(f"{kind} {seed}: {refusal}", file=sys.stderr)
+        print(f"{name}: {refusal}", file=sys.stderr)
         return math.nan, math.nan
     return 100 * (result.volume_m3 / truth - 1), 100 * (result.std_m3 or math.nan) / truth
 
@@ -281,18 +322,27 @@ def main() -> None:
     )
     parser.add_argument("--bodies", type=int, default=40)
     parser.add_argument("--points", type=int, nargs="+", default=SIZES)
-    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
+    kinds = {**KINDS, **OF_MESHES}
+    parser.add_argument("--kinds", nargs="+", choices=kinds, help="all, but what needs parts")
+    parser.add_argument("--public", type=Path, help="folder of closed meshes")
     parser.add_argument("--noise", type=float, default=0.0, help="share of the largest extent")
     parser.add_argument("--first-seed", type=int, default=FIRST_SEED)
     given = parser.parse_args()
+    public = [] if given.public is None else list(meshes(given.public))
+    others = (on_grids, on_meshes, in_cubes) if public else OF_MESHES.values()
     print("| points | count | bodies | mean % | median % | mean z | RMS z | held % | most |")
     print("|---|--:|--:|--:|--:|--:|--:|--:|--:|")
-    for kind in given.kinds:
+    for kind in given.kinds or [kind for kind in kinds if kinds[kind] not in others]:
         for count in given.points:
-            rows: List[Tuple[float, float]] = []
             bodies = math.ceil(given.bodies * min(1.0, math.sqrt(20_000 / count)))
-            for seed in range(given.first_seed, given.first_seed + bodies):
-                rows.append(trial(kind, seed, count, given.noise))
+            rows = (
+                [on_mesh(body, kind, seed, count, given.noise) for seed, body in enumerate(public)]
+                if public
+                else [
+                    trial(kind, seed, count, given.noise)
+                    for seed in range(given.first_seed, given.first_seed + bodies)
+                ]
+            )
             print(line(kind, count, *np.array(rows).T), flush=True)
 
 

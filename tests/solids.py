@@ -41,6 +41,8 @@ class Body:
     hollow: Optional[float] = None
     volume_std: float = 0.0
     parts: Sequence[Part] = field(default=(), compare=False)
+    corners: Optional[np.ndarray] = field(default=None, compare=False)
+    faces: Optional[np.ndarray] = field(default=None, compare=False)
 
     def turned(self, name: str, rotation: Rotation) -> Body:
         """Return the same body, rotated."""
@@ -297,7 +299,7 @@ def mesh_body(name: str, corners: np.ndarray, faces: np.ndarray, volume: float) 
         u, v = np.sqrt(rng.random((count, 1))), rng.random((count, 1))
         return np.asarray(a[k] * (1 - u) + b[k] * (u * (1 - v)) + c[k] * (u * v))
 
-    return Body(name, volume, float(areas.sum()), draw)
+    return Body(name, volume, float(areas.sum()), draw, corners=corners, faces=faces)
 
 
 _ASKEW = Rotation.from_rotvec([0.9, -0.5, 0.7])
