@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 from solids import even_vectors
 
-from quantify_client.volcalc.body import estimate
+from quantify_client.volcalc.body import pattern
 from quantify_client.volcalc.body.facets import facets_of
 from quantify_client.volcalc.body.sections import BodySurface
 from quantify_client.volcalc.body.spacing import Nearness
@@ -378,6 +378,6 @@ def test_of_points_in_groups_facets_are_known_less_well(monkeypatch, ratios):
     """As of vertices of marching cubes, however coarse the triangles of a third of them are."""
     points, alone = small_ball()
     facets = math.pi / 6.0 - ConvexHull(points).volume
-    monkeypatch.setattr(estimate, "nearness", lambda _: Nearness(*ratios, 6 / 7, 0.01, 0.5))
+    monkeypatch.setattr(pattern, "nearness", lambda _: Nearness(*ratios, 6 / 7, 0.01, 0.5))
     more = math.sqrt(sampling_std(points) ** 2 - alone**2)
     assert more == pytest.approx(0.6 * 4 / 27 * facets, rel=0.1)

@@ -8,13 +8,8 @@ import numpy as np
 import pytest
 
 from quantify_client.volcalc.body.enclose import Enclosed
-from quantify_client.volcalc.body.estimate import (
-    _in_rows,
-    _of_mesh,
-    _on_grid,
-    estimate,
-    is_same_body,
-)
+from quantify_client.volcalc.body.estimate import estimate, is_same_body
+from quantify_client.volcalc.body.pattern import is_in_rows, is_of_mesh, is_on_grid
 from quantify_client.volcalc.body.sections import BodySurface
 from quantify_client.volcalc.body.spacing import Nearness
 
@@ -92,8 +87,8 @@ def test_other_walls_tell_nothing() -> None:
 def test_means_of_voxels_along_faces_are_nearly_a_grid(
     near: tuple[float, float, float, float], rows: float, grid: float
 ) -> None:
-    assert _in_rows(Nearness(*near, 0.1)) == rows
-    assert _on_grid(Nearness(*near, 0.1)) == grid
+    assert is_in_rows(Nearness(*near, 0.1)) == rows
+    assert is_on_grid(Nearness(*near, 0.1)) == grid
 
 
 @pytest.mark.parametrize(
@@ -112,4 +107,4 @@ def test_means_of_voxels_along_faces_are_nearly_a_grid(
 def test_vertices_of_meshes_are_told_by_how_far_their_neighbours_are(
     near: tuple[float, float, float, float, float], of_mesh: float
 ) -> None:
-    assert _of_mesh(Nearness(*near)) == of_mesh
+    assert is_of_mesh(Nearness(*near)) == of_mesh

@@ -12,12 +12,12 @@ from scipy.spatial.transform import Rotation
 from solids import box_part, cube, cup, sphere, torus, union, unit_vectors
 
 from quantify_client.errors import InputError
-from quantify_client.volcalc.body.complete import is_partly_seen
 from quantify_client.volcalc.body.cut import face_costs, minimum_cut
 from quantify_client.volcalc.body.enclose import Enclosed, enclose
 from quantify_client.volcalc.body.floor import stand
 from quantify_client.volcalc.body.foot import unseen_share
 from quantify_client.volcalc.body.going_on import going_on, grid_between
+from quantify_client.volcalc.body.partly_seen import is_partly_seen
 from quantify_client.volcalc.body.patches import Patches
 from quantify_client.volcalc.body.tetrahedra import Tetrahedra, tetrahedralize
 from quantify_client.volcalc.body.views import Views, places_all_round

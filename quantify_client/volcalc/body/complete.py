@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import List, Optional, Tuple, Union
+from typing import List, Optional, Tuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,19 +17,16 @@ from scipy.spatial import cKDTree
 
 from ...types import FloatArray, IntArray
 from .cut import beside, face_costs, minimum_cut
-from .enclose import APART, SHEET, Enclosed, Open, Unseen, enclosed_by
-from .estimate import hidden_volume
+from .enclose import APART, SHEET, Enclosed, Unseen, enclosed_by
 from .floor import Standing, on_lowest_points
-from .foot import find_foot, unseen_share
 from .going_on import going_on, grid_between, one_each
-from .openings import lids_of
 from .spaces import Spaces, border_faces, gaps_of, open_faces
-from .spacing import nearness, spacings
+from .spacing import spacings
 from .tetrahedra import Tetrahedra, connected, tetrahedralize
 from .views import HIGHEST, Views, lowest_told, places_all_round
 from .voxels import Thinned, thin
 
-__all__ = ["complete", "is_partly_seen"]
+__all__ = ["complete"]
 
 #: Points that completions are found by.
 _MOST_POINTS = 8_000
@@ -83,59 +80,6 @@ _LID, _GHOST, _GRID = 1, 2, 4  # kinds of points: from ghosts on surfaces are un
 #: surface and its fourth power (calibrated, method.md).
 _OF_SPREAD = 1.0 / math.sqrt(12.0)
 _OF_SHARE, _OF_FOURTH = 0.03, 2.5
-
-#: A surface is partly seen where a larger share of it is lids over openings, a larger share of the
-#: volume lies below what was seen, where no upright foot goes on, or a larger share of its points
-#: is outside of the body. All three are chosen. The outline of a foot has fewer than this share
-#: without points: 6 % by chance, up to 7 % of cubes and tables.
-_OPEN = 0.01
-_BELOW = 0.005
-_OUTSIDE = 0.005
-_OUTLINE = 0.1
-
-#: Times as wide as lines of points are apart on average: openings between them are no wider where
-#: a face lies at 20 degrees or more to them (chosen).
-_BETWEEN_LINES = 3.0
-
-_FEWEST = 100  # points that tell how a surface goes on
-
-
-def is_partly_seen(standing: Standing, body: Union[Enclosed, Open], is_heap: bool) -> bool:
-    """Whether much of the surface is missing, or the body misses some of its points.
-
-    A heap is seen from above as a whole.
-    """
-    if len(standing.points) < _FEWEST:
-        return False
-    if isinstance(body, Open):
-        return True
-    if is_heap:
-        return False
-    apart = np.count_nonzero(body.apart < len(standing.points))
-    unseen = _unseen_lids(standing.points, body)
-    if unseen > _OPEN * body.surface.area() or apart > _OUTSIDE * len(standing.points):
-        return True
-    below = hidden_volume(standing, body)[0]
-    foot = find_foot(standing, body, below)
-    upright = foot is not None and foot.area_rise is None
-    if upright and unseen_share(standing, body) > _OUTLINE:
-        return True
-    return below > _BELOW * body.within and not upright
-
-
-def _unseen_lids(points: FloatArray, body: Enclosed) -> float:
-    """Return the area of the lids over a body's openings, square metres.
-
-    Scan lines are farther apart than their points, and farther where a face is nearly parallel to
-    them: openings between them were seen.
-    """
-    area, width = lids_of(body)
-    near = nearness(points)
-    if not len(area) or near.short < 1.0:
-        return float(area.sum())
-    nearest = np.median(cKDTree(points).query(points, [2])[0])
-    apart = body.surface.area() / (len(points) * nearest)
-    return float(area[width > _BETWEEN_LINES * apart].sum())
 
 
 def complete(

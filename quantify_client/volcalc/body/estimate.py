@@ -35,9 +35,9 @@ import numpy as np
 
 from ...types import FloatArray
 from .enclose import Enclosed
-from .facets import Facets, coarseness_of, facets_of
+from .facets import Facets, facets_of
 from .floor import Standing
-from .spacing import Nearness, nearness
+from .pattern import TOO_DEEP, Pattern, is_even, is_of_mesh, is_of_voxels, is_on_grid
 from .voxels import Merged
 
 __all__ = ["RESAMPLED", "Estimate", "area_of_foot", "estimate", "hidden_volume", "is_same_body"]
@@ -59,32 +59,6 @@ _MOST_NOISE = 8.0
 #: Share of the facets that this middle lacks where no fewer points tell.
 _FACETS_OF_MIDDLE = 0.75
 
-#: Points are evenly spaced where the ratio of the triangles is this many times that of points at
-#: random, by how many points were left out: of points thinned by voxels or to a least distance, and
-#: less only with noise.
-_EVEN = {2: 1.44, 3: 1.55}
-
-#: Nearest by second nearest distance, on average: of means of voxels no more than the first, of
-#: points thinned to a least distance at least the second (2/3 at random, 1 on a grid).
-_OF_VOXELS = 0.87
-_OF_LEAST_DISTANCE = 0.9
-
-#: The same of points at random (a little more than 2/3) and, at least, of means of voxels, where
-#: nothing else tells how even they are.
-_AT_RANDOM = 0.7
-_OF_FEWEST_MEANS = 0.8
-
-#: Third by fourth distance of means of voxels, at most, and of means of voxels along flat faces, at
-#: least; and the share of points with equal distances: 0.07 of these, and more where parts are on
-#: grids, of which edges are known.
-_OF_ROWS = (0.925, 0.95)
-_OF_GRIDS = (0.1, 0.2)
-
-#: What means of voxels lie too deep by, as a share of the facets: where a surface passes through
-#: voxels, and where faces lie along them, at edges only (measured).
-_TOO_DEEP = 0.5
-_TOO_DEEP_IN_ROWS = 0.3
-
 #: Standard deviations, as shares of the facets: always; times the mean spacing by the radius of
 #: curvature; of the difference between the two ways to find them, between edges and at these; of
 #: what voxels' means lie too deep by; where points are neither at random nor even. Most likely for
@@ -102,19 +76,10 @@ _OF_NEITHER = 0.6
 _OF_UNKNOWN_EDGES = 0.3
 
 #: Points as those of meshes are spaced may be vertices of flat facets, as likely as this, which cut
-#: off nothing: where their number varies but not that of near neighbours (third by fourth distance,
-#: and how much the nearest varies), or on grids. Chosen (docs/method.md).
+#: off nothing; and what triangles of the cloud make of edges between facets, as a share of what
+#: these would cut off. Chosen (docs/method.md).
 _MAY_BE_FLAT = 0.4
 _OF_FLAT = 0.15
-_OF_MESHES = (0.865, 0.885)
-_VARIED = (0.22, 0.32)
-
-#: Of points at random, e is less than 0 by this over the root of their number on average (edges
-#: chamfer), and has that standard deviation: measured (docs/method.md).
-_CHANCE = 4.0
-
-#: Most that e (1 - e)^2 is between points at random, 0, and even ones, 1.
-_MOST_NEITHER = 4.0 / 27.0
 
 #: Of walls and of clefts that are too narrow for the points: what is added and taken away, and the
 #: standard deviation. What may be no more than noise of single sheets is there or not: half of it.
@@ -181,13 +146,13 @@ def estimate(
         return _of_thin_walls(body)
     found = facets_of(body.surface, body.patches, above, body.moves)
     points = _points(body)
-    pattern = _Pattern.of(found, again, every, above, points)
+    pattern = Pattern.of(found, again, every, above, points)
     flat = max(found.faceted, _MAY_BE_FLAT * pattern.of_mesh)
     kept = (1.0 - flat) * found.volume
     unknown = math.sqrt(flat * (1.0 - flat)) * found.volume
-    deep, either, in_rows = pattern.depth(found.sharp), _TOO_DEEP * pattern.either, pattern.in_rows
+    deep, either, in_rows = pattern.depth(found.sharp), TOO_DEEP * pattern.either, pattern.in_rows
     if merged is not None:
-        deep, either, in_rows = _depth_of(merged, found), 0.0, max(in_rows, _on_grid(merged.near))
+        deep, either, in_rows = _depth_of(merged, found), 0.0, max(in_rows, is_on_grid(merged.near))
     noise = _noise(body, again, found, kept, pattern)
     narrow = _OF_WALLS * body.walls - _OF_CLEFTS * body.clefts
     unsure = 0.5 * body.sheets
@@ -232,95 +197,8 @@ def _of_thin_walls(body: Enclosed) -> Estimate:
     return Estimate(volume, 0.0, outline_std)
 
 
-@dataclass(frozen=True)
-class _Pattern:
-    """How the points of a surface lie.
-
-    Attributes
-    ----------
-    ratio : how much coarser the triangles of some of the points are, at least as at random.
-    even : from 0, at random, to 1, evenly spaced.
-    neither : how little even and random points tell of these.
-    of_voxels : from 0, a least distance apart, to 1, means of voxels.
-    unmixed : from 0 to 1: less of even points with noise, or mixed with points at random.
-    in_rows : from 0 to 1, on grids or nearly, as means of voxels along flat faces are.
-    on_grid : from 0 to 1, on grids.
-    of_mesh : from 0 to 1, as vertices of meshes may lie, these on grids among them.
-    """
-
-    ratio: float
-    even: float
-    neither: float
-    of_voxels: float
-    unmixed: float
-    in_rows: float
-    on_grid: float
-    of_mesh: float
-
-    @classmethod
-    def of(
-        cls,
-        found: Facets,
-        again: Optional[Enclosed],
-        every: int,
-        above: float,
-        points: FloatArray,
-    ) -> _Pattern:
-        """Return the pattern of all points, from their triangles and from those of some.
-
-        Where some are too few to find the body, how near the nearest points are tells of it.
-        """
-        near = nearness(points)
-        of_mesh = _of_mesh(near)
-        of_voxels = _of_voxels(near.first) * (1.0 - of_mesh)
-        in_groups = min(1.0, max(0.0, near.short))
-        on_grid = _on_grid(near)
-        in_rows = max(on_grid, _in_rows(near) * (1.0 - in_groups))
-        unmixed = max(in_groups, _even(near.first))
-        if again is None:
-            even = _even(near.first) * (1.0 - in_groups)
-            return cls(math.inf, even, _MOST_NEITHER, of_voxels, unmixed, in_rows, on_grid, of_mesh)
-        ratio = coarseness_of(again.surface, again.patches, above) / found.coarseness
-        even = min(1.0, (ratio / every - 1.0) / (_EVEN[every] - 1.0))
-        chance = _CHANCE / math.sqrt(max(1, len(points)))
-        beyond = max(0.0, abs(even + chance) - 2.0 * chance)
-        neither = max(beyond * (1.0 - even) ** 2, _MOST_NEITHER * near.short)
-        return cls(
-            ratio=max(float(every), ratio),
-            even=max(0.0, even),
-            neither=min(_MOST_NEITHER, neither),
-            of_voxels=of_voxels,
-            unmixed=unmixed,
-            in_rows=in_rows,
-            on_grid=on_grid,
-            of_mesh=of_mesh,
-        )
-
-    @property
-    def means(self) -> float:
-        """Whether points are means of voxels, 0 to 1."""
-        return self.even * self.of_voxels
-
-    def depth(self, sharp: float) -> float:
-        """Return what means of voxels lie too deep by, as a share of the facets.
-
-        Parameters
-        ----------
-        sharp : share of the curvature that belongs to edges, 0 to 1.
-        """
-        across = _TOO_DEEP * self.means
-        along_faces = self.in_rows * (1.0 - self.on_grid) * sharp
-        return across + along_faces * (_TOO_DEEP_IN_ROWS - across)
-
-    @property
-    def either(self) -> float:
-        """Standard deviation of whether they are."""
-        likely = self.of_voxels * self.unmixed
-        return self.even * math.sqrt(likely * (1.0 - likely))
-
-
 def _noise(
-    body: Enclosed, again: Optional[Enclosed], found: Facets, kept: float, pattern: _Pattern
+    body: Enclosed, again: Optional[Enclosed], found: Facets, kept: float, pattern: Pattern
 ) -> float:
     """Return what noise moved the surface inwards by, m3."""
     bulge = 0.5 * (body.outer - body.inner)
@@ -343,39 +221,6 @@ def _points(body: Enclosed) -> FloatArray:
     return np.asarray(points if body.moves is None else points - body.moves[number])
 
 
-def _of_voxels(nearest: float) -> float:
-    """Return whether evenly spaced points are means of voxels, 1, or keep a least distance, 0."""
-    share = (_OF_LEAST_DISTANCE - nearest) / (_OF_LEAST_DISTANCE - _OF_VOXELS)
-    return min(1.0, max(0.0, share))
-
-
-def _in_rows(near: Nearness) -> float:
-    """Return whether points are nearly on grids, as means of voxels along faces are, 1."""
-    start, end = _OF_ROWS
-    return min(1.0, max(0.0, (near.third - start) / (end - start)))
-
-
-def _on_grid(near: Nearness) -> float:
-    """Return whether points are on grids, 1."""
-    means, grids = _OF_GRIDS
-    return min(1.0, max(0.0, (near.equal - means) / (grids - means)))
-
-
-def _of_mesh(near: Nearness) -> float:
-    """Return whether points lie as vertices of meshes may, 1."""
-    alike, varied = (
-        min(1.0, max(0.0, (own - start) / (end - start)))
-        for own, (start, end) in ((near.third, _OF_MESHES), (near.varied, _VARIED))
-    )
-    in_groups = min(1.0, max(0.0, near.short))
-    return max(_on_grid(near), alike * varied * (1.0 - in_groups))
-
-
-def _even(nearest: float) -> float:
-    """Return how evenly spaced points are, 0 to 1, where no other triangles tell."""
-    return min(1.0, max(0.0, (nearest - _AT_RANDOM) / (_OF_FEWEST_MEANS - _AT_RANDOM)))
-
-
 def _depth_of(merged: Merged, found: Facets) -> float:
     """Return what means that were taken here lie too deep by, as a share of the facets.
 
@@ -383,8 +228,8 @@ def _depth_of(merged: Merged, found: Facets) -> float:
     may have been means itself, of voxels smaller as they were more.
     """
     near = merged.near
-    means = _even(near.first) * _of_voxels(near.first) * (1.0 - _of_mesh(near))
-    return 12.0 * merged.scatter / found.coarseness + _TOO_DEEP * means * merged.share
+    means = is_even(near.first) * is_of_voxels(near.first) * (1.0 - is_of_mesh(near))
+    return 12.0 * merged.scatter / found.coarseness + TOO_DEEP * means * merged.share
 
 
 def hidden_volume(standing: Standing, body: Enclosed) -> Tuple[float, float]:

@@ -14,12 +14,13 @@ from ...errors import InputError
 from ...types import Floor
 from ..body_slices import BodyRecipe
 from .above_ground import AboveGround, above_ground
-from .complete import complete, is_partly_seen
+from .complete import complete
 from .enclose import Enclosed, Open, enclose
 from .estimate import RESAMPLED
 from .floor import Standing, on_lowest_points, stand
 from .heap import HeapFoundError, heap_share
 from .local_frame import LocalFrame
+from .partly_seen import is_partly_seen
 from .spacing import is_outlier
 from .voxels import Thinned
 from .warnings import why_open
