@@ -12,18 +12,21 @@ from solids import Body, draw_until
 
 from quantify_client.types import AreaResult
 from quantify_client.volcalc.body.measure import measure_body
-from quantify_client.volcalc.body.voxels import VoxelAccumulator
+from quantify_client.volcalc.body.voxels import MOST_POINTS, VoxelAccumulator
 from quantify_client.volcalc.body_slices import BodyRecipe
 
 OFFSET = np.array([500_000.0, 4_500_000.0, 100.0])
 """Where the scans are."""
 
 
-def volume_of(points: np.ndarray, **options: Any) -> AreaResult:
-    """Measure points (N, 3) as an object, without a file: all that the tests know of how."""
+def volume_of(points: np.ndarray, thin_to: int = MOST_POINTS, **options: Any) -> AreaResult:
+    """Measure points (N, 3) as an object, without a file: all that the tests know of how.
+
+    Twice as many as `thin_to` and more are thinned.
+    """
     cubes = VoxelAccumulator(points.min(axis=0), points.max(axis=0))
     cubes.absorb(cubes.reduce(*points.T))
-    return measure_body("body", cubes.thinned(), BodyRecipe(**options))
+    return measure_body("body", cubes.thinned(thin_to), BodyRecipe(**options))
 
 
 @dataclass(frozen=True)
