@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from solids import box_part, cube, cup, sphere, torus, union, unit_vectors
 
 from quantify_client.errors import InputError
+from quantify_client.volcalc.body import complete
 from quantify_client.volcalc.body.cut import face_costs, minimum_cut
 from quantify_client.volcalc.body.enclose import Enclosed, enclose
 from quantify_client.volcalc.body.floor import stand
@@ -103,6 +104,16 @@ def test_a_wedge_below_a_foot_is_in_the_interval(tilt: float) -> None:
     points = turn.apply(points[points[:, 2] > 1e-9]) - np.array([0.5, 0.5, 0.0])
     result = volume_of(on_ground(points[points[:, 2] > 1e-9], 0.55))
     assert abs(result.volume_m3 - 1.0) < 3.3 * result.std_m3  # 13 and 36 without
+
+
+def test_what_leaves_most_points_outside_is_not_their_body(monkeypatch) -> None:
+    """As of lines ten times as far apart as their points: a cylinder was 0.01 % of itself."""
+    points = ball(2_000, lowest=-0.4)
+    standing = stand(points, np.ones(len(points), dtype=np.int64), "auto")
+    assert complete.complete(standing, None, True) is not None
+    outside = np.arange(round(0.6 * len(points)))
+    monkeypatch.setattr(complete, "_outside", lambda *_: outside)
+    assert complete.complete(standing, None, True) is None
 
 
 def test_a_sphere_and_a_plane_go_on_as_they_are() -> None:

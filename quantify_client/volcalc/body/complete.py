@@ -73,6 +73,9 @@ _CERTAIN = 2
 #: (calibrated, method.md).
 _OF_LARGER = 0.38
 
+#: What leaves more than this share of the points outside is not their body.
+_MOST_OUTSIDE = 0.5
+
 _LID, _GHOST, _GRID = 1, 2, 4  # kinds of points: from ghosts on surfaces are unseen
 
 #: Standard deviation of the volume: as a share of what the completions differ by (anything between
@@ -94,7 +97,7 @@ def complete(
     ----------
     cameras : (K, 3) upright, where they stood, metres; None where that is not known.
     may_stand : without ground, it may stand on its lowest points; else None is returned there, as
-        it is where nothing is enclosed.
+        it is where nothing is enclosed, or most points are outside.
     """
     seen = np.vstack([standing.points, _near(standing.ground, standing.points)])
     spacing = float(np.median(spacings(standing.points)))
@@ -131,6 +134,8 @@ def complete(
     empty = np.append(sure.sum(axis=0) > 0, False)
     apart = _outside(space, bodies[0], standing.points, len(points))
     share, count = len(apart) / len(standing.points), 0 if cameras is None else len(cameras)
+    if share > _MOST_OUTSIDE:
+        return None
     body = _enclosed(space, bodies[0], kind, volumes, empty, share, count)
     body = replace(body, apart=apart)
     return replace(standing, lid=np.empty((0, 3)), sure=0.0, unsure=0.0), body
