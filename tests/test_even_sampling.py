@@ -267,6 +267,25 @@ def test_gaps_between_lines_are_no_openings(between, hollow):
     assert abs(result.volume_m3 - TORUS) < 2.5 * result.std_m3 < 0.02 * TORUS
 
 
+def ring(radius, height, along):
+    turn = np.linspace(0.0, 2.0 * math.pi, max(3, round(2.0 * math.pi * radius / along)), False)
+    return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), 0.0 * turn + height])
+
+
+def test_lines_much_farther_apart_than_their_points_are_thinned_along():
+    """A ball in latitudes 5 times and more as far apart was 10 % too small, z -2, and a torus in
+    rings 12 times as far apart was refused: space between lines was seen through.
+    """
+    rng = np.random.default_rng(4)
+    levels = np.linspace(-0.98, 0.98, 40)
+    ball_lines = np.concatenate([ring(math.sqrt(1.0 - z**2), z, 0.01) for z in levels])
+    holds(ball_lines, BALL, rng, 0.003)
+    upright = ring(0.4, 0.0, 2.0 * math.pi / 60 / 12)[:, [0, 2, 1]]
+    turns = Rotation.from_euler("z", np.arange(60)[:, None] * 6.0, degrees=True)
+    rings = np.concatenate([turn.apply(upright + np.array([1.0, 0.0, 0.0])) for turn in turns])
+    holds(rings, TORUS, rng, 0.02)
+
+
 def surface_of(points):
     """Triangles of a convex body, as `enclose` returns them."""
     hull = ConvexHull(points)

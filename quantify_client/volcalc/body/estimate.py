@@ -28,7 +28,7 @@ the surface goes on over openings that were closed (openings.py).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Optional, Tuple
 
 import numpy as np
@@ -147,6 +147,8 @@ def estimate(
     found = facets_of(body.surface, body.patches, above, body.moves)
     points = _points(body)
     pattern = Pattern.of(found, again, every, above, points)
+    if body.unseen is not None:  # of what was completed some points are none of the cloud's
+        pattern = replace(pattern, of_mesh=0.0)
     flat = max(found.faceted, _MAY_BE_FLAT * pattern.of_mesh)
     kept = (1.0 - flat) * found.volume
     unknown = math.sqrt(flat * (1.0 - flat)) * found.volume

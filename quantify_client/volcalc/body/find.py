@@ -20,7 +20,7 @@ from .estimate import RESAMPLED
 from .floor import Standing, on_lowest_points, stand
 from .heap import HeapFoundError, heap_share
 from .local_frame import LocalFrame
-from .partly_seen import is_partly_seen
+from .partly_seen import is_partly_seen, thinned_along_lines
 from .spacing import is_outlier
 from .voxels import Thinned
 from .warnings import why_open
@@ -82,8 +82,14 @@ def find_body(local: LocalFrame, cloud: Thinned, recipe: BodyRecipe, unless_heap
     if heap is not None:
         floor_in_frame = local.in_frame(heap.standing.floor)
         return Found(replace(heap.standing, floor=floor_in_frame), heap.body, heap)
-    may_be_completed = recipe.max_gap is None and not recipe.hollow
-    if may_be_completed and is_partly_seen(standing, body, share is not None):
+    may_be_completed, is_heap = recipe.max_gap is None and not recipe.hollow, share is not None
+    partly = is_partly_seen(standing, body, is_heap)
+    if partly and (may_be_completed or isinstance(body, Open)):
+        sparse = thinned_along_lines(standing)
+        if sparse is not standing:
+            standing, (body, by_third) = sparse, _enclose_twice(sparse, recipe)
+            partly = is_partly_seen(standing, body, is_heap)
+    if may_be_completed and partly:
         cameras = None if recipe.cameras is None else standing.upright(local.apply(recipe.cameras))
         standing, body = complete(standing, cameras, floor == "auto") or (standing, body)
     if isinstance(body, Open) and not body.leaks and standing.pose is None and floor == "auto":

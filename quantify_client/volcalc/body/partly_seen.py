@@ -1,7 +1,11 @@
-"""Whether much of a body's surface was not seen, so that it is completed (complete.py)."""
+"""Whether much of a body's surface was not seen, so that it is completed (complete.py).
+
+Lines of points much farther apart than these are no surface yet: thinned along lines they are.
+"""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Union
 
 import numpy as np
@@ -15,7 +19,7 @@ from .foot import find_foot, unseen_share
 from .openings import lids_of
 from .spacing import nearness
 
-__all__ = ["is_partly_seen"]
+__all__ = ["is_partly_seen", "thinned_along_lines"]
 
 #: A surface is partly seen where a larger share of it is lids over openings, a larger share of the
 #: volume lies below what was seen, where no upright foot goes on, or a larger share of its points
@@ -29,6 +33,11 @@ _OUTLINE = 0.1
 #: Times as wide as lines of points are apart on average: openings between them are no wider where
 #: a face lies at 20 degrees or more to them (chosen).
 _BETWEEN_LINES = 3.0
+
+#: Sides of the cubes that keep one point each grow by this until no more than half of what tells of
+#: lines is left (chosen).
+_COARSER = 1.25
+_NO_LINES = 0.5
 
 _FEWEST = 100  # points that tell how a surface goes on
 
@@ -69,3 +78,23 @@ def _unseen_lids(points: FloatArray, body: Enclosed) -> float:
     nearest = np.median(cKDTree(points).query(points, [2])[0])
     apart = body.surface.area() / (len(points) * nearest)
     return float(area[width > _BETWEEN_LINES * apart].sum())
+
+
+def thinned_along_lines(standing: Standing) -> Standing:
+    """Return a body whose points lie in lines with fewer of them, others as they are.
+
+    The first one of each cube counts, for all. Gaps between points are then as wide as those
+    between lines.
+    """
+    points, near = standing.points, nearness(standing.points)
+    if near.short < 1.0:
+        return standing
+    side = float(np.median(cKDTree(points).query(points, [2])[0]))
+    while near.short > _NO_LINES and len(points) > _FEWEST:
+        side *= _COARSER
+        cubes = np.floor(standing.points / side).astype(np.int64)
+        _, first, cube = np.unique(cubes, axis=0, return_index=True, return_inverse=True)
+        order = np.argsort(first)
+        points, near = standing.points[first[order]], nearness(standing.points[first[order]])
+        counts = np.bincount(cube.ravel(), standing.counts)[order].astype(np.int64)
+    return standing if near.short > _NO_LINES else replace(standing, points=points, counts=counts)

@@ -105,7 +105,7 @@ class Pattern:
         """
         near = nearness(points)
         of_mesh = is_of_mesh(near)
-        of_voxels = is_of_voxels(near.first) * (1.0 - of_mesh)
+        of_voxels = is_of_voxels(near.first)
         in_groups = min(1.0, max(0.0, near.short))
         on_grid = is_on_grid(near)
         in_rows = max(on_grid, is_in_rows(near) * (1.0 - in_groups))
@@ -132,7 +132,7 @@ class Pattern:
     @property
     def means(self) -> float:
         """Whether points are means of voxels, 0 to 1."""
-        return self.even * self.of_voxels
+        return self.even * self.of_voxels * (1.0 - self.of_mesh)
 
     def depth(self, sharp: float) -> float:
         """Return what means of voxels lie too deep by, as a share of the facets.
@@ -148,7 +148,7 @@ class Pattern:
     @property
     def either(self) -> float:
         """Standard deviation of whether they are."""
-        likely = self.of_voxels * self.unmixed
+        likely = self.of_voxels * (1.0 - self.of_mesh) * self.unmixed
         return self.even * math.sqrt(likely * (1.0 - likely))
 
 

@@ -135,8 +135,9 @@ def _completed(unseen: Unseen, gaps: Sequence[Gap], place: _Place, cameras: int)
     return Notice(
         "surface-completed",
         f"{unseen.share:.0%} of the surface was not seen{where}: completed in two ways it encloses "
-        f"{unseen.low:.4g} and {unseen.high:.4g} m3; the volume lies between, and what they differ "
-        f"by is a part of its error ({told} what is empty); {advice}",
+        f"{unseen.low:.4g} and {unseen.high:.4g} m3; the volume lies between, but for what "
+        f"triangles between points cut off, and what they differ by is a part of its error ({told} "
+        f"what is empty); {advice}",
         share=unseen.share,
         low_m3=unseen.low,
         high_m3=unseen.high,
