@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -12,7 +13,8 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 from solids import even_vectors
 
-from quantify_client.volcalc.body import pattern
+from quantify_client.volcalc.body import estimate, pattern
+from quantify_client.volcalc.body.enclose import Enclosed, Unseen, enclose
 from quantify_client.volcalc.body.facets import facets_of
 from quantify_client.volcalc.body.sections import BodySurface
 from quantify_client.volcalc.body.spacing import Nearness
@@ -160,6 +162,17 @@ def test_vertices_of_a_mesh_may_be_those_of_flat_facets_or_on_what_they_are_like
         assert mesh < result.volume_m3 < BALL
         for truth in (mesh, BALL):
             assert 0.5 * result.std_m3 < abs(result.volume_m3 - truth) < 1.5 * result.std_m3
+
+
+def test_of_what_was_completed_grids_are_no_vertices_of_meshes():
+    """Points are put where nobody saw, in rows: all that triangles cut off counts."""
+    points = icosphere(4)
+    body = enclose(points, hollow=True, max_gap=None)
+    assert isinstance(body, Enclosed)
+    unseen = Unseen(share=0.1, low=4.0, high=4.2, shift=0.0, std=0.1, cameras=0)
+    less = estimate.estimate(body, None, 1).volume - body.within
+    more = estimate.estimate(replace(body, unseen=unseen), None, 1).volume - body.within
+    assert less == pytest.approx(0.6 * more, rel=0.05)
 
 
 @pytest.mark.parametrize("seed", range(6))
