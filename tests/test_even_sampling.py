@@ -164,6 +164,25 @@ def test_vertices_of_a_mesh_may_be_those_of_flat_facets_or_on_what_they_are_like
             assert 0.5 * result.std_m3 < abs(result.volume_m3 - truth) < 1.5 * result.std_m3
 
 
+def test_a_mesh_that_was_made_finer_and_rounded_is_measured():
+    """All that turns lies between facets: a share of them was 1 + 2e-16, and its root none."""
+    points = icosphere(2)
+    made = finer(points, ConvexHull(points).simplices, 1)
+    mesh = ConvexHull(points).volume
+    for turn in Rotation.random(4, random_state=1):
+        rounded = turn.apply(made).astype(np.float32).astype(np.float64)
+        holds(rounded, mesh, np.random.default_rng(1), 1e-4)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_edges_of_a_grid_that_lacks_points_have_no_points_along_them(seed):
+    """They lie between flat faces, and were taken for those of a mesh's facets: z was -4."""
+    rng = np.random.default_rng(seed)
+    points = grid_on_cube(30, 0.0)
+    askew = Rotation.from_rotvec([0.9, -0.5, 0.7]).as_matrix()
+    holds(points[rng.random(len(points)) > 0.2] @ askew, CUBE, rng, 0.004)
+
+
 def test_of_what_was_completed_grids_are_no_vertices_of_meshes():
     """Points are put where nobody saw, in rows: all that triangles cut off counts."""
     points = icosphere(4)

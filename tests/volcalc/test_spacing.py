@@ -89,3 +89,7 @@ def test_neighbours_tell_how_points_lie():
     assert nearness(pairs).second > 0.8
     threes = np.vstack([pairs, flat[::2] - [1e-5, 0.0, 0.0]])
     assert nearness(threes).second < 0.1
+    along = np.column_stack([0.2 * x.ravel(), y.ravel(), np.zeros(x.size)])
+    along[:, 0] += 0.01 * rng.random(x.size)
+    assert nearness(along).in_lines
+    assert not any(nearness(some).in_lines for some in (flat, grid, pairs, threes))

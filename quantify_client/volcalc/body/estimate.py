@@ -18,8 +18,9 @@ it moves the volume the less the more points there are.
 
 How much facets cut off is known for points at random and for even ones, each to a few percent.
 Vertices of marching cubes and scan lines are neither: how far points are from both tells how wrong
-the facets may be. Walls too thin for the points are not enclosed, and clefts as narrow are not left
-out: most of the one and half of the other is added and taken away.
+the facets may be. Vertices of meshes may be those of flat facets, which cut off nothing, or not
+(pattern.py tells how points lie). Walls too thin for the points are not enclosed, and clefts as
+narrow are not left out: most of the one and half of the other is added and taken away.
 
 Two more parts were not seen at all: what lies below the lowest section (`hidden_volume`) and how
 the surface goes on over openings that were closed (openings.py).

@@ -269,19 +269,19 @@ def _between_facets(sides: _Sides, corners: FloatArray) -> Tuple[npt.NDArray[np.
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     longest = _squares(corners).max(axis=1)
     doubled = np.linalg.norm(normals, axis=1)
-    # Three points on a line turn in no direction.
+    # Three points on a line turn in no direction, and tell of no facet.
     unit_normals = np.where((doubled > _FLAT * longest)[:, None], unit(normals), np.nan)
     one, other = sides.triangles
-    crossed = np.linalg.norm(np.cross(unit_normals[one], unit_normals[other]), axis=1)
-    flat = ~(crossed >= _FLAT)
+    flat = np.linalg.norm(np.cross(unit_normals[one], unit_normals[other]), axis=1) < _FLAT
     within = np.bincount(sides.triangles[:, flat].ravel(), minlength=len(corners)) >= 3
     of_facet = within.copy()
     of_facet[one[flat & within[other]]] = True
     of_facet[other[flat & within[one]]] = True
-    between = of_facet[one] & of_facet[other] & ~flat
-    turned = np.abs(sides.turned) * (~flat & (sides.angle <= _EDGE))
+    between, blunt = of_facet[one] & of_facet[other] & ~flat, sides.angle <= _EDGE
+    turned = np.abs(sides.turned) * (~flat & blunt)
     share = float(turned[between].sum() / max(float(turned.sum()), np.finfo(float).tiny))
-    return between, share
+    # Flat faces of a body meet in edges, too, and where points keep clear of these they chamfer.
+    return between & (blunt | (share > 0.5)), min(1.0, share)
 
 
 def _sides(corners: FloatArray, number: IntArray, normals: FloatArray) -> _Sides:

@@ -73,7 +73,7 @@ def _unseen_lids(points: FloatArray, body: Enclosed) -> float:
     """
     area, width = lids_of(body)
     near = nearness(points)
-    if not len(area) or near.short < 1.0:
+    if not len(area) or not near.in_lines:
         return float(area.sum())
     nearest = np.median(cKDTree(points).query(points, [2])[0])
     apart = body.surface.area() / (len(points) * nearest)
@@ -87,7 +87,7 @@ def thinned_along_lines(standing: Standing) -> Standing:
     between lines.
     """
     points, near = standing.points, nearness(standing.points)
-    if near.short < 1.0:
+    if not near.in_lines:
         return standing
     side = float(np.median(cKDTree(points).query(points, [2])[0]))
     while near.short > _NO_LINES and len(points) > _FEWEST:

@@ -25,6 +25,10 @@ _EQUAL = 0.995  # ratio of distances that are the same
 _RATIOS_AT_RANDOM = (2.0 / 3.0, 4.0 / 5.0)
 _SHORT = 0.1
 
+#: Of points in lines the first ratio is more than the first of these (less of pairs), the second
+#: between the others: 1/2 where they are even along a line alone, less in groups of three.
+_IN_LINES = (0.6, 0.45, 0.7)
+
 #: The sixth neighbour of an outlier is this many times farther than that of nine points in ten. A
 #: cloud ten times denser at one end than at the other stays below 2, the tails of noise below 3.
 _FAR = 3.0
@@ -62,6 +66,11 @@ class Nearness(NamedTuple):
     def short(self) -> float:
         """Whether points are in pairs, groups or lines, 1 or more; 0 or less if not."""
         return max(at_random - own for at_random, own in zip(_RATIOS_AT_RANDOM, self)) / _SHORT
+
+    @property
+    def in_lines(self) -> bool:
+        """Whether points are in lines: two are near, one on either side, and others farther."""
+        return self.first > _IN_LINES[0] and _IN_LINES[1] < self.second < _IN_LINES[2]
 
 
 def nearness(points: FloatArray) -> Nearness:
