@@ -36,7 +36,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from scans import OFFSET, apart, volume_of
 from scipy.spatial.transform import Rotation
 from seen import meshes
-from solids import Body, Part, even_vectors, random_body
+from solids import Body, Part, even_vectors, finer, random_body
 
 FIRST_SEED = 9300
 SIZES = (5_000, 20_000, 100_000, 1_000_000)
@@ -229,12 +229,7 @@ def divided(body: Body, count: int, rng: np.random.Generator) -> np.ndarray:
     """The same with all edges divided at their middles until there are half as many as asked."""
     corners, faces = np.asarray(body.corners), np.asarray(body.faces)
     while 2 * len(corners) < count:
-        sides = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-        ends, side = np.unique(sides, axis=0, return_inverse=True)
-        (a, b, c), (ab, bc, ca) = faces.T, len(corners) + side.reshape(-1, 3).T
-        corners = np.concatenate([corners, corners[ends].mean(axis=1)])
-        parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
-        faces = np.concatenate([np.column_stack(part) for part in parts])
+        corners, faces = finer(corners, faces)
     return corners
 
 

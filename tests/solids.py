@@ -302,6 +302,16 @@ def mesh_body(name: str, corners: np.ndarray, faces: np.ndarray, volume: float) 
     return Body(name, volume, float(areas.sum()), draw, corners=corners, faces=faces)
 
 
+def finer(corners: np.ndarray, faces: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+    """Return a mesh with each triangle divided into four, which stay flat."""
+    sides = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    ends, side = np.unique(sides, axis=0, return_inverse=True)
+    (a, b, c), (ab, bc, ca) = faces.T, len(corners) + side.reshape(-1, 3).T
+    parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
+    divided = np.concatenate([np.column_stack(part) for part in parts])
+    return np.concatenate([corners, corners[ends].mean(axis=1)]), divided
+
+
 _ASKEW = Rotation.from_rotvec([0.9, -0.5, 0.7])
 """Leaves no face of a cube near an axis."""
 

@@ -11,7 +11,7 @@ import pytest
 from scans import apart, volume_of
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
-from solids import even_vectors
+from solids import even_vectors, finer
 
 from quantify_client.volcalc.body import estimate, pattern
 from quantify_client.volcalc.body.enclose import Enclosed, Unseen, enclose
@@ -112,24 +112,6 @@ def test_a_grid_on_a_cube(steps, ends):
     holds(grid_on_cube(steps, ends), CUBE, np.random.default_rng(2), 0.8 / steps**2)
 
 
-def finer(points, triangles, times):
-    """Vertices of a mesh whose triangles are divided into four, so many times: they stay flat."""
-    for _ in range(times):
-        sides = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2)
-        ends, side = np.unique(sides.reshape(-1, 2), axis=0, return_inverse=True)
-        middle = len(points) + side.reshape(-1, 3)
-        points = np.concatenate([points, points[ends].mean(axis=1)])
-        a, b, c = triangles.T
-        ab, bc, ca = middle.T
-        triangles = np.concatenate(
-            [
-                np.column_stack(some)
-                for some in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
-            ]
-        )
-    return points
-
-
 @pytest.mark.parametrize(("times", "most"), [(1, 0.55), (2, 0.3), (3, 0.05)])
 def test_a_mesh_that_was_made_finer_cuts_nothing_off(times, most):
     """Its volume is that of its flat facets, not of what they are like: z was 7 to 41.
@@ -139,7 +121,9 @@ def test_a_mesh_that_was_made_finer_cuts_nothing_off(times, most):
     rng = np.random.default_rng(times)
     points = ball(3_000 // 4**times, rng) * [1.0, 0.8, 0.6]
     hull = ConvexHull(points)
-    made = finer(hull.points, hull.simplices, times)
+    made, triangles = hull.points, hull.simplices
+    for _ in range(times):
+        made, triangles = finer(made, triangles)
     holds(made, hull.volume, rng, most * (0.48 * BALL / hull.volume - 1.0) / 4**times)
 
 
@@ -149,7 +133,7 @@ def icosphere(times):
     one = np.array([[0.0, a, b * golden] for a in (-1.0, 1.0) for b in (-1.0, 1.0)])
     points = np.concatenate([np.roll(one, axis, axis=1) for axis in range(3)])
     for _ in range(times):
-        points = finer(points, ConvexHull(points).simplices, 1)
+        points, _ = finer(points, ConvexHull(points).simplices)
         points /= np.linalg.norm(points, axis=1)[:, None]
     return points
 
@@ -167,7 +151,7 @@ def test_vertices_of_a_mesh_may_be_those_of_flat_facets_or_on_what_they_are_like
 def test_a_mesh_that_was_made_finer_and_rounded_is_measured():
     """All that turns lies between facets: a share of them was 1 + 2e-16, and its root none."""
     points = icosphere(2)
-    made = finer(points, ConvexHull(points).simplices, 1)
+    made, _ = finer(points, ConvexHull(points).simplices)
     mesh = ConvexHull(points).volume
     for turn in Rotation.random(4, random_state=1):
         rounded = turn.apply(made).astype(np.float32).astype(np.float64)

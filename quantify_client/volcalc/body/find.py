@@ -83,13 +83,13 @@ def find_body(local: LocalFrame, cloud: Thinned, recipe: BodyRecipe, unless_heap
         floor_in_frame = local.in_frame(heap.standing.floor)
         return Found(replace(heap.standing, floor=floor_in_frame), heap.body, heap)
     may_be_completed, is_heap = recipe.max_gap is None and not recipe.hollow, share is not None
-    partly = is_partly_seen(standing, body, is_heap)
-    if partly and (may_be_completed or isinstance(body, Open)):
+    partly = may_be_completed and is_partly_seen(standing, body, is_heap)
+    if partly or isinstance(body, Open):
         sparse = thinned_along_lines(standing)
         if sparse is not standing:
             standing, (body, by_third) = sparse, _enclose_twice(sparse, recipe)
-            partly = is_partly_seen(standing, body, is_heap)
-    if may_be_completed and partly:
+            partly = may_be_completed and is_partly_seen(standing, body, is_heap)
+    if partly:
         cameras = None if recipe.cameras is None else standing.upright(local.apply(recipe.cameras))
         standing, body = complete(standing, cameras, floor == "auto") or (standing, body)
     if isinstance(body, Open) and not body.leaks and standing.pose is None and floor == "auto":

@@ -75,9 +75,13 @@ def _unseen_lids(points: FloatArray, body: Enclosed) -> float:
     near = nearness(points)
     if not len(area) or not near.in_lines:
         return float(area.sum())
-    nearest = np.median(cKDTree(points).query(points, [2])[0])
-    apart = body.surface.area() / (len(points) * nearest)
+    apart = body.surface.area() / (len(points) * _nearest(points))
     return float(area[width > _BETWEEN_LINES * apart].sum())
+
+
+def _nearest(points: FloatArray) -> float:
+    """Return the median distance of points to the nearest other one, metres."""
+    return float(np.median(cKDTree(points).query(points, [2])[0]))
 
 
 def thinned_along_lines(standing: Standing) -> Standing:
@@ -89,7 +93,7 @@ def thinned_along_lines(standing: Standing) -> Standing:
     points, near = standing.points, nearness(standing.points)
     if not near.in_lines:
         return standing
-    side = float(np.median(cKDTree(points).query(points, [2])[0]))
+    side = _nearest(points)
     while near.short > _NO_LINES and len(points) > _FEWEST:
         side *= _COARSER
         cubes = np.floor(standing.points / side).astype(np.int64)
